@@ -1,0 +1,144 @@
+"""Closure of the two arms (eq. 1): the loop as one serial chain from the left hand to the right.
+
+Seen from the left hand, the right hand is the end of a serial chain: the left arm's joints from
+the hand to the base, turning the other way, then the right arm's from the base to the hand. Its
+twist columns (l_j; w_j), taken at the right hand, give everything: for a chain whose joint k comes
+no later than joint j,  dJ_j/dq_k = w_k x J_j,  else  (w_j x l_k; 0).  Running sums over the joints
+then yield first and second derivatives without a loop. A pair selects which of the six relative
+motions are blocked; its rows are fixed in the frame of the grasp on the object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.vectors import cross, matvec, transpose
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Twist columns of the loop for K samples, joints in loop order.
+
+    Attributes:
+        linear: l_j, velocity of the right hand's point relative to the left hand per joint rate,
+            in world axes, (K, N, 3).
+        angular: w_j, (K, N, 3).
+        blocked: The pair's rows in world axes, (K, m, 6).
+        order: Joint index of each place in the loop, (N,).
+    """
+
+    linear: np.ndarray
+    angular: np.ndarray
+    blocked: np.ndarray
+    order: np.ndarray
+
+    def _to_loop(self, rates: np.ndarray) -> np.ndarray:
+        return rates[:, self.order, None]
+
+    def _rows(self, linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
+        """Returns blocked rows of per-joint vectors, (K, N, 3) twice to (K, m, N), joint order."""
+        columns = np.concatenate([linear, angular], axis=-1)
+        result = np.empty((len(columns), self.blocked.shape[1], len(self.order)))
+        result[:, :, self.order] = self.blocked @ transpose(columns)
+        return result
+
+    def jacobian(self) -> np.ndarray:
+        """Returns Gamma = dg/dq on the closed chain, (K, m, N)."""
+        return self._rows(self.linear, self.angular)
+
+    def wrench(self, multiplier: np.ndarray) -> np.ndarray:
+        """Returns the wrench (force; moment) on the right hand at its point, world axes, (K, 6)."""
+        return matvec(transpose(self.blocked), multiplier)
+
+    def bias(self, v: np.ndarray) -> np.ndarray:
+        """Returns the relative acceleration at zero joint acceleration, gamma_0, (K, m)."""
+        rates = self._to_loop(v)
+        linear, angular = self.linear * rates, self.angular * rates
+        before = _before(angular)
+        both = np.concatenate(
+            [
+                cross(2.0 * before + angular, linear).sum(axis=1),
+                cross(before, angular).sum(axis=1),
+            ],
+            axis=-1,
+        )
+        return matvec(self.blocked, both)
+
+    def velocity_derivative(self, v: np.ndarray) -> np.ndarray:
+        """Returns d(Gamma v)/dq at constant v, (K, m, N)."""
+        rates = self._to_loop(v)
+        linear, angular = self.linear * rates, self.angular * rates
+        before = _before(angular)
+        from_here, turning = _from_here(linear), _from_here(angular)
+        return self._rows(
+            cross(before, self.linear) + cross(self.angular, from_here),
+            cross(self.angular, turning),
+        )
+
+    def force_derivative(self, v: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+        """Returns d(v' Gamma' multiplier)/dq at constant v and multiplier, (K, N)."""
+        return matvec(transpose(self.velocity_derivative(v)), multiplier)
+
+    def force_jacobian(self, multiplier: np.ndarray) -> np.ndarray:
+        """Returns d(Gamma' multiplier)/dq, (K, N, N): row j, derivative along joint k."""
+        wrench = self.wrench(multiplier)
+        force, moment = wrench[:, None, None, :3], wrench[:, None, None, 3:]
+        l_j, w_j = self.linear[:, :, None, :], self.angular[:, :, None, :]
+        l_k, w_k = self.linear[:, None, :, :], self.angular[:, None, :, :]
+        place = np.arange(len(self.order))
+        inner = (place[None, :] <= place[:, None])[None, :, :]
+        turned = (cross(w_k, l_j) * force).sum(-1) + (cross(w_k, w_j) * moment).sum(-1)
+        moved = (cross(w_j, l_k) * force).sum(-1)
+        result = np.empty_like(turned)
+        result[:, self.order[:, None], self.order[None, :]] = np.where(inner, turned, moved)
+        return result
+
+    def acceleration_derivatives(
+        self, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the derivatives of gamma = Gamma a + (dGamma/dt) v.
+
+        Args:
+            v: Joint velocity, (K, N) [rad/s].
+            a: Joint acceleration, (K, N) [rad/s^2].
+
+        Returns:
+            Along q at constant v and a, and along v, each (K, m, N).
+        """
+        rates, accelerations = self._to_loop(v), self._to_loop(a)
+        linear, angular = self.linear * rates, self.angular * rates
+        before = _before(angular)
+        steps = self.linear * accelerations + cross(2.0 * before + angular, linear)
+        turns = self.angular * accelerations + cross(before, angular)
+        # motion of what lies beyond joint l as seen from the body before it
+        velocity, spin = _from_here(linear), _from_here(angular)
+        before_turns = _before(turns)
+        acceleration = _from_here(steps) - 2.0 * cross(before, velocity)
+        spin_rate = _from_here(turns) - cross(before, spin)
+        swing = cross(self.angular, velocity)
+        along_q = self._rows(
+            cross(before_turns, self.linear)
+            + cross(before, cross(before, self.linear) + 2.0 * swing)
+            + cross(self.angular, acceleration),
+            cross(self.angular, spin_rate) + cross(before, cross(self.angular, spin)),
+        )
+        along_v = self._rows(
+            2.0 * (cross(before, self.linear) + swing),
+            cross(before, self.angular) + cross(self.angular, spin - angular),
+        )
+        return along_q, along_v
+
+
+def _before(values: np.ndarray) -> np.ndarray:
+    """Returns sums over all joints before each one, (K, N, 3)."""
+    result = np.empty_like(values)
+    result[:, 0] = 0.0
+    np.cumsum(values[:, :-1], axis=1, out=result[:, 1:])
+    return result
+
+
+def _from_here(values: np.ndarray) -> np.ndarray:
+    """Returns sums over each joint and all beyond it, (K, N, 3)."""
+    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

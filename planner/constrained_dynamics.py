@@ -1,0 +1,204 @@
+"""Motion of the closed chain in its independent joints (eq. 7), the force at the hands kept.
+
+With independent joints y and dependent ones z:  v = S dy/dt,  S = [1; -Gz^-1 Gy],  and one solve
+
+    [ I  -Gamma'] [a     ]   [tau - C - G]
+    [-Gamma  0  ] [lambda] = [gamma_0    ]
+
+gives the accelerations and the multiplier of eq. 2. It is carried out in the independent joints:
+S'IS is small, positive and exists even where links have no mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.chain import ClosedChain
+from planner.closure import Loop
+from planner.equation_of_motion import Placements
+from planner.vectors import matvec, transpose
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Which joints are independent (y) and which follow from closure (z).
+
+    Attributes:
+        independent: Indices of y, (p,).
+        dependent: Indices of z, (m,).
+    """
+
+    independent: np.ndarray
+    dependent: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """The closed chain's freedoms at K postures.
+
+    Attributes:
+        q: Closed postures, (K, N) [rad].
+        at: Their placements.
+        loop: Their twist columns.
+        gamma: Closure Jacobian, (K, m, N).
+        inverse: Inverse of its dependent columns, (K, m, m).
+        s: S = dq/dy, (K, N, p).
+    """
+
+    q: np.ndarray
+    at: Placements
+    loop: Loop
+    gamma: np.ndarray
+    inverse: np.ndarray
+    s: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Accelerations and forces at K states.
+
+    Attributes:
+        tangent: The freedoms at these postures.
+        v: Joint velocity, (K, N) [rad/s].
+        inertia: I(q), (K, N, N) [kg m^2].
+        reduced: Inverse of S'IS, (K, p, p).
+        a: Joint acceleration, (K, N) [rad/s^2].
+        multiplier: lambda of eq. 2, (K, m) [N, Nm].
+    """
+
+    tangent: Tangent
+    v: np.ndarray
+    inertia: np.ndarray
+    reduced: np.ndarray
+    a: np.ndarray
+    multiplier: np.ndarray
+
+
+def tangent(chain: ClosedChain, joints: Joints, q: np.ndarray, at: Placements) -> Tangent:
+    """Returns S and the closure Jacobian at closed postures, see `Tangent`.
+
+    A posture at which the dependent joints cannot follow gets infinite entries.
+    """
+    loop = chain.loop(at)
+    gamma = loop.jacobian()
+    inverse = _inverse(gamma[:, :, joints.dependent])
+    s = np.zeros((len(q), chain.n, chain.p))
+    s[:, joints.independent, np.arange(chain.p)] = 1.0
+    s[:, joints.dependent] = -inverse @ gamma[:, :, joints.independent]
+    return Tangent(q, at, loop, gamma, inverse, s)
+
+
+def _inverse(matrices: np.ndarray) -> np.ndarray:
+    """Returns inverses of a batch; NaN for those that are singular or not finite."""
+    try:
+        return np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:
+        result = np.full_like(matrices, np.nan)
+        with np.errstate(all="ignore"):
+            good = np.isfinite(matrices).all(axis=(1, 2))
+            good[good] = np.linalg.cond(matrices[good]) < 1e15
+        result[good] = np.linalg.inv(matrices[good])
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """What the accelerations need besides the torques.
+
+    Attributes:
+        inertia: I(q), (K, N, N).
+        bias: C + G, (K, N).
+        drift: Joint acceleration that closure demands at zero acceleration of y, (K, N).
+        reduced: Inverse of S'IS, (K, p, p).
+    """
+
+    inertia: np.ndarray
+    bias: np.ndarray
+    drift: np.ndarray
+    reduced: np.ndarray
+
+
+def inertial(chain: ClosedChain, joints: Joints, at: Tangent, v: np.ndarray) -> Inertial:
+    """Returns inertia and bias at postures `at` and joint velocities v, (K, N)."""
+    inertia, bias = chain.dynamics.inertia_and_bias(at.q, v)
+    drift = np.zeros_like(v)
+    drift[:, joints.dependent] = -matvec(at.inverse, at.loop.bias(v))
+    reduced = _inverse(transpose(at.s) @ inertia @ at.s)
+    return Inertial(inertia, bias, drift, reduced)
+
+
+def accelerate(
+    joints: Joints, at: Tangent, v: np.ndarray, terms: Inertial, tau: np.ndarray
+) -> Motion:
+    """Returns accelerations and hand force under the torques tau, (K, N) [Nm]."""
+    forces = tau - terms.bias
+    free = matvec(transpose(at.s), forces - matvec(terms.inertia, terms.drift))
+    a = matvec(at.s, matvec(terms.reduced, free)) + terms.drift
+    surplus = (matvec(terms.inertia, a) - forces)[:, joints.dependent]
+    multiplier = matvec(transpose(at.inverse), surplus)
+    return Motion(at, v, terms.inertia, terms.reduced, a, multiplier)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """Derivatives of the independent joints' accelerations.
+
+    Attributes:
+        along_y: (K, p, p).
+        along_rate: Along dy/dt, (K, p, p).
+        along_torque: B of eq. 7, (K, p, N).
+    """
+
+    along_y: np.ndarray
+    along_rate: np.ndarray
+    along_torque: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class InverseDerivatives:
+    """Derivatives of inverse dynamics and closure at a motion, each along all joints.
+
+    Attributes:
+        torque_q: d(I a + C + G)/dq, (K, N, N).
+        torque_v: d(I a + C + G)/dv, (K, N, N).
+        closure_q: d(gamma)/dq, (K, m, N).
+        closure_v: d(gamma)/dv, (K, m, N).
+        slip: d(Gamma v)/dq, (K, m, N).
+        drag: Share of the dependent joints' rates in dv/dy, D = dv/dy at constant dy/dt, (K, N, p).
+    """
+
+    torque_q: np.ndarray
+    torque_v: np.ndarray
+    closure_q: np.ndarray
+    closure_v: np.ndarray
+    slip: np.ndarray
+    drag: np.ndarray
+
+
+def inverse_derivatives(chain: ClosedChain, joints: Joints, motion: Motion) -> InverseDerivatives:
+    """Returns what all derivatives of the motion are made of, see `InverseDerivatives`."""
+    at = motion.tangent
+    _, torque_q, torque_v, _ = chain.dynamics.inverse_dynamics_derivatives(at.q, motion.v, motion.a)
+    closure_q, closure_v = at.loop.acceleration_derivatives(motion.v, motion.a)
+    slip = at.loop.velocity_derivative(motion.v)
+    drag = np.zeros_like(at.s)
+    drag[:, joints.dependent] = -at.inverse @ (slip @ at.s)
+    return InverseDerivatives(torque_q, torque_v, closure_q, closure_v, slip, drag)
+
+
+def linearize(joints: Joints, motion: Motion, derivatives: InverseDerivatives) -> Linearization:
+    """Returns the derivatives of the independent accelerations along y, dy/dt and tau."""
+    at, given = motion.tangent, derivatives
+    s, drag = at.s, given.drag
+    pull = at.loop.force_jacobian(motion.multiplier)
+    forces_y = -(given.torque_q - pull) @ s - given.torque_v @ drag
+    slide_y = given.closure_q @ s + given.closure_v @ drag
+    forces = np.concatenate([forces_y, -given.torque_v @ s], axis=2)
+    slide = np.concatenate([slide_y, given.closure_v @ s], axis=2)
+    follow = np.zeros_like(forces)
+    follow[:, joints.dependent] = -at.inverse @ slide
+    both = motion.reduced @ (transpose(s) @ (forces - motion.inertia @ follow))
+    p = s.shape[2]
+    return Linearization(both[:, :, :p], both[:, :, p:], motion.reduced @ transpose(s))

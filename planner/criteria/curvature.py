@@ -1,0 +1,112 @@
+"""Second derivatives of the Hamiltonian along the state, by differences of its gradient.
+
+The gradient is exact, so one difference along each independent joint gives three blocks at once.
+It is linear in the joint rates, where a step of any length is exact, and linear in the torques.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.constrained_dynamics import Tangent, accelerate, inertial, inverse_derivatives, tangent
+from planner.costates import StateCost, hamiltonian_gradient
+from planner.criteria.base import Evaluation
+from planner.independent_joints import Coordinates
+from planner.vectors import matvec, transpose
+
+STEP = 1e-6  # rad: closure to first order stays within 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """Second derivatives of n2'a + state cost.
+
+    Attributes:
+        y_y: (K, p, p).
+        y_rate: Row along y, column along dy/dt, (K, p, p).
+        rate_rate: (K, p, p).
+        y_tau: Row along y, column along tau, (K, p, N).
+    """
+
+    y_y: np.ndarray
+    y_rate: np.ndarray
+    rate_rate: np.ndarray
+    y_tau: np.ndarray
+
+
+def hamiltonian_curvature(
+    coordinates: Coordinates,
+    at: Evaluation,
+    rate: np.ndarray,
+    n2: np.ndarray,
+    state_cost: StateCost | None,
+    rate_step: float,
+) -> Curvature:
+    """Returns the Hamiltonian's second derivatives at K states.
+
+    Args:
+        coordinates: Map from independent joints to closed postures.
+        at: The states' evaluation.
+        rate: dy/dt, (K, p) [rad/s].
+        n2: Costates of the accelerations, (K, p).
+        state_cost: Running cost on speed and posture, if any.
+        rate_step: Difference along dy/dt [rad/s]; exact at any size, best near the rates' own.
+    """
+    chain, joints = coordinates.chain, coordinates.joints
+    base, count, p = at.tangent, len(rate), rate.shape[1]
+    moved = base.q[None] + STEP * base.s.transpose(2, 0, 1)
+    moved = moved.reshape(p * count, chain.n)
+    moved_at = tangent(chain, joints, moved, chain.dynamics.placements(moved))
+    both = _join(moved_at, base, p)
+    rates = np.broadcast_to(rate, (2, p, count, p)).copy()
+    for joint in range(p):
+        rates[1, joint, :, joint] += rate_step
+    v = matvec(both.s, rates.reshape(-1, p))
+    tau, costate = _repeat(at.tau, 2 * p), _repeat(n2, 2 * p)
+    motion = accelerate(joints, both, v, inertial(chain, joints, both, v), tau)
+    derivatives = inverse_derivatives(chain, joints, motion)
+    gradient = hamiltonian_gradient(joints, motion, derivatives, costate, state_cost)
+
+    def difference(new: np.ndarray, old: np.ndarray, part: int, step: float) -> np.ndarray:
+        change = new.reshape(2, p, count, -1)[part] - old
+        return change.transpose(1, 0, 2) / step
+
+    y_y = difference(gradient.along_y, at.gradient.along_y, 0, STEP)
+    rate_rate = difference(gradient.along_rate, at.gradient.along_rate, 1, rate_step)
+    return Curvature(
+        y_y=0.5 * (y_y + transpose(y_y)),
+        y_rate=difference(gradient.along_rate, at.gradient.along_rate, 0, STEP),
+        rate_rate=0.5 * (rate_rate + transpose(rate_rate)),
+        y_tau=difference(gradient.along_torque, at.gradient.along_torque, 0, STEP),
+    )
+
+
+def _repeat(values: np.ndarray, times: int) -> np.ndarray:
+    return np.broadcast_to(values, (times, *values.shape)).reshape(-1, *values.shape[1:])
+
+
+def _join(moved: Tangent, base: Tangent, times: int) -> Tangent:
+    """Returns the moved samples followed by `times` copies of the base samples."""
+
+    def both(new: np.ndarray, old: np.ndarray) -> np.ndarray:
+        return np.concatenate([new, _repeat(old, times)])
+
+    at = type(base.at)(
+        *(both(getattr(moved.at, f), getattr(base.at, f)) for f in base.at.__dataclass_fields__)
+    )
+    loop = type(base.loop)(
+        both(moved.loop.linear, base.loop.linear),
+        both(moved.loop.angular, base.loop.angular),
+        both(moved.loop.blocked, base.loop.blocked),
+        base.loop.order,
+    )
+    return Tangent(
+        both(moved.q, base.q),
+        at,
+        loop,
+        both(moved.gamma, base.gamma),
+        both(moved.inverse, base.inverse),
+        both(moved.s, base.s),
+    )

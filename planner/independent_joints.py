@@ -1,0 +1,78 @@
+"""Independent joints y of the closed chain, and the map phi from them to all joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from planner.chain import ClosedChain
+from planner.constrained_dynamics import Joints, Tangent, tangent
+from planner.equation_of_motion import Placements
+
+
+def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
+    """Returns the choice of dependent joints that stays best conditioned along a path.
+
+    Every posture proposes the columns that a pivoted QR of its closure Jacobian takes first; the
+    proposal whose worst condition number along the whole path is least wins.
+
+    Args:
+        chain: The closed chain.
+        path: Closed postures, (K, N) [rad].
+    """
+    gamma = chain.loop(chain.dynamics.placements(path)).jacobian()
+    proposals: dict[tuple[int, ...], float] = {}
+    for jacobian in gamma[:: max(1, len(gamma) // 12)]:
+        pivots = scipy.linalg.qr(jacobian, mode="r", pivoting=True)[1]
+        dependent = tuple(sorted(int(pivot) for pivot in pivots[: chain.m]))
+        if dependent not in proposals:
+            values = np.linalg.svd(gamma[:, :, dependent], compute_uv=False)
+            # relative to the whole Jacobian's size, so that wholly singular choices rank last
+            proposals[dependent] = float(np.min(values[:, -1]))
+    best = max(proposals, key=lambda choice: proposals[choice])
+    dependent_joints = np.array(best, dtype=int)
+    return Joints(np.setdiff1d(np.arange(chain.n), dependent_joints), dependent_joints)
+
+
+class Coordinates:
+    """The map phi along a motion: closed postures from independent joints.
+
+    Closure has several solutions for the same y. The one wanted is near the last known motion,
+    which this object keeps as its only state.
+
+    Attributes:
+        chain: The closed chain.
+        joints: Independent and dependent joints.
+    """
+
+    def __init__(
+        self, chain: ClosedChain, joints: Joints, share: np.ndarray, path: np.ndarray
+    ) -> None:
+        """Starts from closed postures `path`, (K, N), at shares of the duration, (K,)."""
+        self.chain = chain
+        self.joints = joints
+        self._share = np.asarray(share)
+        self._dependent = path[:, joints.dependent].T.copy()
+
+    def close(self, share: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Placements, np.ndarray]:
+        """Returns q = phi(y) with placements, and which samples could be closed.
+
+        Args:
+            share: Shares of the duration, increasing where they shall be remembered, (K,).
+            y: Independent joints, (K, p) [rad].
+        """
+        guess = np.empty((len(y), self.chain.n))
+        guess[:, self.joints.independent] = y
+        for joint, known in zip(self.joints.dependent, self._dependent, strict=True):
+            guess[:, joint] = np.interp(share, self._share, known)
+        return self.chain.close(guess, self.joints.dependent)
+
+    def tangent(self, share: np.ndarray, y: np.ndarray) -> tuple[Tangent, np.ndarray]:
+        """Returns the freedoms at phi(y), and which samples could be closed, (K,)."""
+        q, at, closed = self.close(share, y)
+        return tangent(self.chain, self.joints, q, at), closed
+
+    def remember(self, share: np.ndarray, q: np.ndarray) -> None:
+        """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near."""
+        self._share = np.array(share)
+        self._dependent = q[:, self.joints.dependent].T.copy()

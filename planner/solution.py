@@ -1,0 +1,75 @@
+"""A solved boundary value problem: states and costates at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planner.boundary_value_problem import BoundaryValueProblem
+from planner.criteria.base import Evaluation
+
+_GAUSS = 5
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Progress of a solve, once per mesh refinement or iteration.
+
+    Attributes:
+        nodes: Mesh nodes, or coefficients.
+        residual: Largest relative residual of the equations.
+        cost: Cost of the motion so far.
+        seconds: Time since the solve began [s].
+    """
+
+    nodes: int
+    residual: float
+    cost: float
+    seconds: float
+
+
+ProgressCallback = Callable[[Refinement], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """States and costates of Pontryagin's equations along the whole motion.
+
+    Attributes:
+        problem: The problem solved.
+        method: Name of the method.
+        mesh: Shares of the duration between which the solution is one polynomial, (M,).
+        states: Gives states and costates (K, 2 * state_size) at shares (K,).
+        residual: Largest relative residual of the differential equations.
+        iterations: Newton iterations.
+        refinements: Progress of the solve.
+        seconds: Time that the solve took [s].
+        remarks: What the reader should know, e.g. a continuation that was needed.
+    """
+
+    problem: BoundaryValueProblem
+    method: str
+    mesh: np.ndarray
+    states: Callable[[np.ndarray], np.ndarray]
+    residual: float
+    iterations: int
+    refinements: tuple[Refinement, ...]
+    seconds: float
+    remarks: tuple[str, ...] = field(default=())
+
+    def evaluate(self, share: np.ndarray) -> tuple[np.ndarray, Evaluation]:
+        """Returns states and costates, and their evaluation, at shares of the duration, (K,)."""
+        x = self.states(share)
+        return x, self.problem.evaluate(share, x)
+
+    def cost(self) -> float:
+        """Returns the criterion's integral, by Gauss quadrature on every mesh interval."""
+        points, weights = np.polynomial.legendre.leggauss(_GAUSS)
+        width = np.diff(self.mesh)[:, None]
+        share = (self.mesh[:-1, None] + width * (points + 1.0) / 2.0).ravel()
+        x, at = self.evaluate(share)
+        running = self.problem.criterion.running_cost(at, x)
+        total = float(running @ (width * weights / 2.0).ravel())
+        return total * self.problem.transport.duration

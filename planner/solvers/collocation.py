@@ -1,0 +1,159 @@
+"""Collocation: SciPy's `solve_bvp` on the scaled problem, with its exact Jacobian.
+
+`solve_bvp` is a fourth-order collocation method with Newton's method on every mesh and residual
+control between meshes: today's form of the finite-difference method of section 4.1.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.integrate import solve_bvp
+
+from planner.boundary_value_problem import BoundaryValueProblem, Guess
+from planner.outcome import Failure, failure
+from planner.solution import ProgressCallback, Refinement, Solution
+
+if TYPE_CHECKING:
+    from planner.scenario import Scenario
+
+INITIAL_NODES = 21
+
+
+class _RefinementReader(io.TextIOBase):
+    """Turns the table that `solve_bvp` prints, a line per mesh, into refinements."""
+
+    def __init__(self, problem: BoundaryValueProblem, progress: ProgressCallback | None) -> None:
+        self.problem = problem
+        self.progress = progress
+        self.began = time.perf_counter()
+        self.seen: list[Refinement] = []
+
+    def write(self, text: str) -> int:
+        for line in text.splitlines():
+            columns = line.split()
+            if len(columns) == 5 and columns[0].isdigit():
+                step = Refinement(
+                    nodes=int(columns[3]),
+                    residual=float(columns[1]),
+                    cost=self.problem.cost_so_far(),
+                    seconds=time.perf_counter() - self.began,
+                )
+                self.seen.append(step)
+                if self.progress is not None:
+                    self.progress(step)
+        return len(text)
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limits BLAS to one thread: at these sizes a second one only costs."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+def solve_collocation(
+    problem: BoundaryValueProblem,
+    *,
+    tolerance: float,
+    max_nodes: int,
+    guess: Guess | None = None,
+    progress: ProgressCallback | None = None,
+    scenario: Scenario | None = None,
+) -> Solution | Failure:
+    """Returns the solution of the boundary value problem, or how the solve ended without one.
+
+    Args:
+        problem: The scaled problem.
+        tolerance: Bound on the relative residual of the differential equations.
+        max_nodes: Bound on the nodes of the mesh.
+        guess: States and costates to start from; the straight line with zero costates if None.
+        progress: Called once per mesh.
+        scenario: Named in a failure.
+    """
+    began = time.perf_counter()
+    share, start = _mesh(problem, guess)
+    reader = _RefinementReader(problem, progress)
+    problem.newton_steps = 0
+    with one_blas_thread(), contextlib.redirect_stdout(reader):
+        try:
+            found = solve_bvp(
+                problem.right_side,
+                problem.boundary,
+                share,
+                start,
+                fun_jac=problem.jacobian,
+                bc_jac=problem.boundary_jacobian,
+                tol=tolerance,
+                max_nodes=max_nodes,
+                verbose=2,
+            )
+        except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+            return _lost_or_singular(problem, scenario, str(error))
+    seconds = time.perf_counter() - began
+    residual = float(np.max(found.rms_residuals))
+    evidence = {"nodes": len(found.x), "rms_residual": residual, "seconds": seconds}
+    if found.status == 2 or not np.all(np.isfinite(found.y)):
+        return _lost_or_singular(problem, scenario, found.message, **evidence)
+    if found.status == 1 and residual < 10.0:
+        return failure(
+            "mesh-full",
+            f"{len(found.x)} nodes leave a residual of {residual:.1e}, above {tolerance:.1e}, and "
+            f"solver.max_nodes = {max_nodes} allows no finer mesh",
+            scenario,
+            **evidence,
+        )
+    if found.status != 0:
+        return failure(
+            "no-descent",
+            f"Newton's method no longer reduces the residual, which stands at {residual:.1e}",
+            scenario,
+            **evidence,
+        )
+    return Solution(
+        problem=problem,
+        method="collocation",
+        mesh=found.x,
+        states=lambda at: problem.physical(found.sol(at)),
+        residual=residual,
+        iterations=problem.newton_steps,
+        refinements=tuple(reader.seen),
+        seconds=seconds,
+    )
+
+
+def _mesh(problem: BoundaryValueProblem, guess: Guess | None) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the first mesh and scaled states on it."""
+    if guess is not None:
+        return guess.share, problem.scaled(guess.x)
+    guess = problem.straight_guess
+    share = np.linspace(0.0, 1.0, INITIAL_NODES)
+    x = np.array([np.interp(share, guess.share, column) for column in guess.x.T]).T
+    return share, problem.scaled(x)
+
+
+def _lost_or_singular(
+    problem: BoundaryValueProblem, scenario: Scenario | None, message: str, **evidence: object
+) -> Failure:
+    if problem.lost is not None:
+        at = problem.lost * problem.transport.duration
+        return failure(
+            "closure-lost",
+            f"closure lost at t = {at:.3f} s: there the arms no longer reach each other",
+            scenario,
+            time=at,
+            **evidence,
+        )
+    return failure(
+        "singular-jacobian",
+        f"the Newton matrix is singular ({message.strip().rstrip('.').lower()})",
+        scenario,
+        **evidence,
+    )

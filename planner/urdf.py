@@ -1,0 +1,284 @@
+"""URDF files: where they are, whether they can be trusted, and their text for Pinocchio."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from planner.errors import ModelError
+
+MAX_BYTES = 64 * 2**20
+MOVING_TYPES = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A URDF file that was read and checked.
+
+    Attributes:
+        path: The file.
+        text: Its text as handed to Pinocchio: joints without limits (`continuous`) are written
+            as `revolute`, so that every joint has one coordinate.
+        unlimited: Names of those joints.
+        links: Names of the links.
+        joints: Names of the joints that move.
+        doubts: Remarks for whoever checks the file; none of them prevents its use.
+    """
+
+    path: Path
+    text: str
+    unlimited: frozenset[str]
+    links: tuple[str, ...]
+    joints: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def package_directories(extra: Sequence[str], directory: Path) -> list[Path]:
+    """Returns the folders in which `package://NAME/...` is looked up, first match wins.
+
+    Args:
+        extra: Folders that the scenario names, relative to `directory`.
+        directory: Folder of the scenario.
+    """
+    folders = [directory / folder for folder in extra]
+    for variable, suffix in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        folders += [
+            Path(part) / suffix for part in os.environ.get(variable, "").split(os.pathsep) if part
+        ]
+    for entry in [*sys.path, sys.prefix]:
+        for share in (Path(entry) / "cmeel.prefix" / "share", Path(entry) / "share"):
+            folders += [share, share / "example-robot-data" / "robots"]
+    unique = dict.fromkeys(folder for folder in folders if folder.is_dir())
+    return list(unique)
+
+
+def find_urdf(name: str, key: str, directory: Path, packages: Sequence[str]) -> Path:
+    """Returns the path that a scenario's `urdf` entry stands for.
+
+    Args:
+        name: A path relative to `directory`, an absolute one, or `package://NAME/...`.
+        key: Dotted key of the entry, for the message.
+        directory: Folder of the scenario.
+        packages: Extra folders to look packages up in.
+
+    Raises:
+        ModelError: There is no such file.
+    """
+    if name.startswith("package://"):
+        rest = name.removeprefix("package://")
+        folders = package_directories(packages, directory)
+        for folder in folders:
+            # a package folder may be named itself instead of its parent
+            for candidate in (folder / rest, folder.parent / rest):
+                if candidate.is_file():
+                    return candidate
+        package = rest.split("/", 1)[0]
+        raise ModelError(
+            "no such file in any package folder",
+            key=key,
+            value=name,
+            remedy=f"install the package {package!r} (example-robot-data: pip install "
+            "'dual-arm-planner[robots]'), or name its parent folder in robot.packages "
+            "or ROS_PACKAGE_PATH",
+        )
+    path = directory / name
+    if not path.is_file():
+        raise ModelError(
+            "is a folder, not a file" if path.is_dir() else "no such file",
+            source=path,
+            key=key,
+            remedy="name a URDF file, relative to the scenario",
+        )
+    return path
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Returns a URDF file's text, checked for what Pinocchio would accept in silence.
+
+    Raises:
+        ModelError: The file cannot be read, is no URDF, declares entities, or holds a mass or
+            an inertia that no body can have.
+    """
+    root = _parse(path)
+    _refuse_nonsense(root, path)
+    doubts: list[str] = []
+    links = root.findall("link")
+    for link in links:
+        doubts += _check_inertial(link, path)
+    unlimited: set[str] = set()
+    moving: list[str] = []
+    for joint in root.findall("joint"):
+        name = joint.get("name", "")
+        if joint.get("type") in MOVING_TYPES:
+            moving.append(name)
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            if limit is None:
+                limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
+            limit.set("lower", str(-4 * math.pi))
+            limit.set("upper", str(4 * math.pi))
+            unlimited.add(name)
+    return Urdf(
+        path=path,
+        text=ElementTree.tostring(root, encoding="unicode"),
+        unlimited=frozenset(unlimited),
+        links=tuple(link.get("name", "") for link in links),
+        joints=tuple(moving),
+        doubts=tuple(doubts),
+    )
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ModelError(
+                f"larger than {MAX_BYTES // 2**20} MB", source=path, remedy="is this a URDF file?"
+            )
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(
+            f"cannot be read: {error.strerror}", source=path, remedy="name a readable URDF file"
+        ) from None
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise ModelError(
+            "declares a document type or entities",
+            source=path,
+            remedy="a URDF needs neither: remove the declaration (run xacro first)",
+        )
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise ModelError(
+            f"is not well-formed XML: {error}", source=path, remedy="mend the file at that place"
+        ) from None
+    if root.tag != "robot":
+        raise ModelError(
+            "is XML, but no URDF",
+            source=path,
+            value=f"<{root.tag}>",
+            remedy="its outermost element must be <robot>",
+        )
+    return root
+
+
+def _refuse_nonsense(root: ElementTree.Element, path: Path) -> None:
+    """Refuses what every reader of URDF would stumble over, with a better message."""
+    links = [link.get("name") for link in root.findall("link")]
+    if not links:
+        raise ModelError("has no link", source=path, remedy="describe at least one <link>")
+    for kind in ("link", "joint"):
+        names = [element.get("name") for element in root.findall(kind)]
+        for name in names:
+            if not name:
+                raise ModelError(f"has a {kind} without a name", source=path, remedy="name it")
+            if names.count(name) > 1:
+                raise ModelError(
+                    f"has more than one {kind} of this name",
+                    source=path,
+                    value=name,
+                    remedy="names must be unique",
+                )
+    children: list[str | None] = []
+    for joint in root.findall("joint"):
+        for role in ("parent", "child"):
+            element = joint.find(role)
+            link = None if element is None else element.get("link")
+            if link not in links:
+                raise ModelError(
+                    f"the joint's {role} link does not exist",
+                    source=path,
+                    key=joint.get("name"),
+                    value=link,
+                    remedy="name a link of this file",
+                )
+            if role == "child":
+                children.append(link)
+    roots = [link for link in links if link not in children]
+    if len(roots) != 1:
+        raise ModelError(
+            f"has {len(roots)} root links",
+            source=path,
+            value=roots,
+            remedy="joints must connect all links to one tree",
+        )
+    for element in root.iter():
+        for attribute in ("xyz", "rpy", "value", "lower", "upper", "effort", "velocity"):
+            text = element.get(attribute)
+            if text is not None and element.tag in ("origin", "axis", "mass", "limit"):
+                _finite(text, path, f"{element.tag} {attribute}")
+
+
+def _finite(text: str, path: Path, key: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split()]
+    except ValueError:
+        numbers = [math.nan]
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise ModelError(
+            "is not a finite number", source=path, key=key, value=text, remedy="write numbers"
+        )
+    return numbers
+
+
+def _check_inertial(link: ElementTree.Element, path: Path) -> list[str]:
+    """Refuses masses and inertias that no body can have; returns doubts about the others."""
+    name = link.get("name", "")
+    inertial = link.find("inertial")
+    if inertial is None:
+        return []
+    mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
+    if mass_element is None or mass_element.get("value") is None:
+        raise ModelError(
+            "inertial without a mass", source=path, key=name, remedy='add <mass value="..."/>'
+        )
+    mass = _finite(mass_element.get("value", ""), path, f"{name} mass")[0]
+    if mass < 0.0:
+        raise ModelError(
+            "negative mass", source=path, key=name, value=mass, remedy="a mass is zero or more, kg"
+        )
+    if inertia_element is None:
+        if mass > 0.0:
+            raise ModelError(
+                "link with mass but no inertia",
+                source=path,
+                key=name,
+                value=mass,
+                remedy='add <inertia ixx="..." .../> about its centre of mass',
+            )
+        ElementTree.SubElement(
+            inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
+        )
+        return []
+    ixx, ixy, ixz, iyy, iyz, izz = (
+        _finite(inertia_element.get(entry, "0"), path, f"{name} inertia {entry}")[0]
+        for entry in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -1e-9 * max(1.0, moments[2]):
+        raise ModelError(
+            "inertia is not positive",
+            source=path,
+            key=name,
+            value=[float(f"{moment:.4g}") for moment in moments],
+            remedy="its principal moments must be zero or more, kg m^2",
+        )
+    doubts = []
+    if moments[0] + moments[1] < moments[2] * (1.0 - 1e-6):
+        doubts.append(
+            f"link {name}: principal moments {moments[0]:.4g}, {moments[1]:.4g}, {moments[2]:.4g} "
+            "kg m^2 break the triangle inequality: no rigid body has them"
+        )
+    if mass > 0.0 and moments[2] == 0.0:
+        doubts.append(f"link {name}: {mass:g} kg but zero inertia (fine for a point mass)")
+    if mass == 0.0 and moments[2] > 0.0:
+        doubts.append(f"link {name}: inertia but no mass")
+    return doubts

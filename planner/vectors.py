@@ -1,0 +1,38 @@
+"""Batched vector algebra over the last axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns a x b over the last axis of broadcast arrays, (..., 3).
+
+    NumPy's own `cross` spends more time on its generality than on these small arrays.
+    """
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    first = a1 * b2 - a2 * b1
+    result = np.empty((*first.shape, 3))
+    result[..., 0] = first
+    result[..., 1] = a2 * b0 - a0 * b2
+    result[..., 2] = a0 * b1 - a1 * b0
+    return result
+
+
+def rotation_log(rotation: np.ndarray) -> np.ndarray:
+    """Returns the rotation vectors of rotation matrices, (..., 3, 3) to (..., 3) [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    shape = rotation.shape[:-2]
+    return Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(*shape, 3)
+
+
+def matvec(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Returns matrix @ vector over a batch, (..., i, j) and (..., j) to (..., i)."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def transpose(matrix: np.ndarray) -> np.ndarray:
+    """Returns the transposes of a batch of matrices, as a view."""
+    return np.swapaxes(matrix, -1, -2)
