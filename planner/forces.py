@@ -51,20 +51,26 @@ class HandForces:
     right_moment: np.ndarray
 
 
+def object_twist(chain: ClosedChain, at: Placements, point: np.ndarray) -> Loop:
+    """Returns the left arm as a chain from the base to a point of the object, (K, 3) [m]."""
+    count, split = len(point), chain.left.n
+    angular = np.ascontiguousarray(transpose(at.columns[:, 3:, :split]))
+    linear = transpose(at.columns[:, :3, :split]) + cross(angular, point[:, None])
+    return Loop(linear, angular, np.broadcast_to(np.eye(6), (count, 6, 6)), np.arange(split))
+
+
 def object_motion(chain: ClosedChain, at: Placements, v: np.ndarray, a: np.ndarray) -> ObjectMotion:
     """Returns the object's motion under joint velocity v and acceleration a, (K, N) each."""
     position, rotation = chain.object_pose(at)
     lever = rotation @ chain.body.com
-    count, split = len(position), chain.left.n
-    angular = np.ascontiguousarray(transpose(at.columns[:, 3:, :split]))
-    linear = transpose(at.columns[:, :3, :split]) + cross(angular, (position + lever)[:, None])
-    arm = Loop(linear, angular, np.broadcast_to(np.eye(6), (count, 6, 6)), np.arange(split))
-    both = matvec(arm.jacobian(), a[:, :split]) + arm.bias(v[:, :split])
+    left = slice(0, chain.left.n)
+    arm = object_twist(chain, at, position + lever)
+    both = matvec(arm.jacobian(), a[:, left]) + arm.bias(v[:, left])
     return ObjectMotion(
         position=position,
         rotation=rotation,
         lever=lever,
-        angular_velocity=(angular * v[:, :split, None]).sum(axis=1),
+        angular_velocity=(arm.angular * v[:, left, None]).sum(axis=1),
         acceleration=both[:, :3],
         angular_acceleration=both[:, 3:],
     )

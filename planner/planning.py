@@ -11,9 +11,10 @@ import numpy as np
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.chain import ClosedChain, build_chain
 from planner.checks import verify
-from planner.criteria import make_criterion
+from planner.criteria import joint_weights, make_criterion
+from planner.criteria.jerk import jerk_motion
 from planner.forces import hand_forces
-from planner.outcome import Failure
+from planner.outcome import Failure, failure
 from planner.result import Plan
 from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import solve_collocation
@@ -46,6 +47,8 @@ def plan(
     began = time.perf_counter()
     chain = chain or build_chain(scenario)
     transport = make_transport(scenario, chain)
+    if scenario.criterion.kind == "jerk":
+        return _least_jerk(scenario, transport, began)
     solution = solve(scenario, transport, progress=progress)
     if isinstance(solution, Failure):
         return solution
@@ -107,3 +110,52 @@ def sample(scenario: Scenario, solution: Solution) -> Plan:
         internal_force=forces.left_force - forces.right_force,
         adjoint=x[:, criterion.state_size :].copy(),
     )
+
+
+def _least_jerk(scenario: Scenario, transport: Transport, began: float) -> Plan | Failure:
+    """Returns the minimum-jerk plan, which needs no boundary value problem."""
+    chain = transport.chain
+    share = np.linspace(0.0, 1.0, scenario.solver.samples)
+    found = jerk_motion(transport, share, joint_weights(scenario, chain))
+    seconds = time.perf_counter() - began
+    if isinstance(found, float):
+        return failure(
+            "closure-lost",
+            f"the arms cannot follow the straight line of least jerk beyond t = {found:.3f} s",
+            scenario,
+            time=found,
+        )
+    forces = hand_forces(chain, found.motion)
+    position, rotation = chain.object_pose(found.motion.tangent.at)
+    result = Plan(
+        scenario=scenario,
+        criterion="jerk",
+        cost=found.cost,
+        duration=transport.duration,
+        solver={
+            "method": "closed-form",
+            "nodes": len(share),
+            "iterations": 0,
+            "rms_residual": 0.0,
+            "seconds": seconds,
+        },
+        checks={},
+        remarks=(),
+        time=share * transport.duration,
+        joint_names=chain.joint_names,
+        q=found.motion.tangent.q,
+        v=found.motion.v,
+        a=found.motion.a,
+        tau=found.tau,
+        tau_rate=found.tau_rate,
+        object_position=position,
+        object_rotation=rotation,
+        hand_force_left=forces.left_force,
+        hand_force_right=forces.right_force,
+        hand_moment_left=forces.left_moment,
+        hand_moment_right=forces.right_moment,
+        internal_force=forces.left_force - forces.right_force,
+        adjoint=np.empty((len(share), 0)),
+    )
+    result = replace(result, checks=verify(chain, result, None))
+    return replace(result, solver=result.solver | {"seconds_total": time.perf_counter() - began})

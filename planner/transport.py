@@ -127,28 +127,55 @@ def quintic(share: np.ndarray) -> np.ndarray:
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
-def straight_positions(start: End, goal: End, share: np.ndarray, duration: float) -> np.ndarray:
-    """Returns positions of the minimum-jerk motion between the ends, (K, 3) [m].
+@dataclass(frozen=True, eq=False)
+class StraightMotion:
+    """The object's minimum-jerk motion at K shares of the duration.
 
-    It is the quintic with the ends' velocities and no acceleration there: a straight line if
-    those are zero.
+    Attributes:
+        position: (K, 3) [m].
+        rotation: (K, 3, 3); None if the orientation is not prescribed at both ends.
+        twist: Velocity (linear; angular) in world axes, (K, 6).
+        acceleration: Likewise, (K, 6).
+        jerk: Of the position, (K, 3) [m/s^3].
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray | None
+    twist: np.ndarray
+    acceleration: np.ndarray
+    jerk: np.ndarray
+
+
+def straight_motion(start: End, goal: End, share: np.ndarray, duration: float) -> StraightMotion:
+    """Returns the quintic between the ends, with their velocities and no acceleration there.
+
+    It is a straight line if the velocities are zero. The orientation turns about a fixed axis.
     """
     x0, x1 = start.pose.position, goal.pose.position
-    u = share[:, None]
-    line = x0 + (x1 - x0) * quintic(share)[:, None]
-    leave = u * (1.0 - u) ** 3 * (1.0 + 3.0 * u)
-    arrive = -(1.0 - u) * u**3 * (1.0 + 3.0 * (1.0 - u))
-    result: np.ndarray = line + duration * (leave * start.velocity + arrive * goal.velocity)
-    return result
-
-
-def straight_rotations(start: End, goal: End, share: np.ndarray) -> np.ndarray | None:
-    """Returns rotations that turn at the profile's pace between the ends, (K, 3, 3)."""
+    v0, v1, way = start.velocity * duration, goal.velocity * duration, x1 - x0
+    path = np.polynomial.Polynomial
+    derivatives = np.empty((4, len(share), 3))
+    for axis in range(3):
+        d, v, w = way[axis], v0[axis], v1[axis]
+        cubic = 10.0 * d - 6.0 * v - 4.0 * w
+        quartic = -15.0 * d + 8.0 * v + 7.0 * w
+        quintic_ = 6.0 * d - 3.0 * v - 3.0 * w
+        curve = path([x0[axis], v, 0.0, cubic, quartic, quintic_])
+        for order in range(4):
+            derivatives[order, :, axis] = curve(share) / duration**order
+            curve = curve.deriv()
+    twist, acceleration = np.zeros((len(share), 6)), np.zeros((len(share), 6))
+    twist[:, :3], acceleration[:, :3] = derivatives[1], derivatives[2]
+    rotation = None
     first, last = start.pose.rotation, goal.pose.rotation
-    if first is None or last is None:
-        return None
-    turn = pin.log3(first.T @ last)
-    return np.array([first @ pin.exp3(turn * part) for part in quintic(share)])
+    if first is not None and last is not None:
+        turn = pin.log3(first.T @ last)
+        rotation = np.array([first @ pin.exp3(turn * part) for part in quintic(share)])
+        profile = path([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+        for order, target in ((1, twist), (2, acceleration)):
+            pace = profile.deriv(order)(share) / duration**order
+            target[:, 3:] = (first @ turn) * pace[:, None]
+    return StraightMotion(derivatives[0], rotation, twist, acceleration, derivatives[3])
 
 
 def straight_line(
@@ -162,9 +189,8 @@ def straight_line(
     share = np.linspace(0.0, 1.0, SAMPLES)
     blend = quintic(share)[:, None]
     mixed = start.posture + (goal.posture - start.posture) * blend
-    positions = straight_positions(start, goal, share, duration)
-    rotations = straight_rotations(start, goal, share)
-    followed = follow_poses(chain, positions, rotations, mixed)
+    line = straight_motion(start, goal, share, duration)
+    followed = follow_poses(chain, line.position, line.rotation, mixed)
     if followed is not None:
         return share, followed, True
     joints = choose_joints(chain, np.array([start.posture, goal.posture]))
