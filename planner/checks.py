@@ -41,6 +41,7 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
     if solution is not None:
         checks["hamiltonian"] = hamiltonian_drift(solution)
         checks["pontryagin_residual"] = solution.residual
+        checks |= solution.evidence
     if can_replay(chain):
         error = replay_error(chain, plan)
         checks["replay_end"] = float(error[-1])

@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planner.boundary_value_problem import BoundaryValueProblem
 from planner.chain import ClosedChain, build_chain
 from planner.checks import verify
-from planner.criteria import joint_weights, make_criterion
+from planner.criteria import joint_weights
 from planner.criteria.jerk import jerk_motion
 from planner.forces import hand_forces
 from planner.outcome import Failure, failure
 from planner.result import Plan
 from planner.solution import ProgressCallback, Solution
-from planner.solvers.collocation import solve_collocation
+from planner.solving import solve
 from planner.transport import Transport, make_transport
 
 if TYPE_CHECKING:
@@ -57,22 +56,6 @@ def plan(
     return replace(result, solver=result.solver | {"seconds_total": time.perf_counter() - began})
 
 
-def solve(
-    scenario: Scenario, transport: Transport, *, progress: ProgressCallback | None = None
-) -> Solution | Failure:
-    """Returns the solution of the scenario's boundary value problem, or how it failed."""
-    criterion = make_criterion(scenario, transport.chain, transport.reference)
-    assert criterion is not None
-    problem = BoundaryValueProblem(transport, criterion)
-    return solve_collocation(
-        problem,
-        tolerance=scenario.solver.tolerance,
-        max_nodes=scenario.solver.max_nodes,
-        progress=progress,
-        scenario=scenario,
-    )
-
-
 def sample(scenario: Scenario, solution: Solution) -> Plan:
     """Returns the plan at evenly spaced times, its checks still empty."""
     transport, criterion = solution.problem.transport, solution.problem.criterion
@@ -83,7 +66,7 @@ def sample(scenario: Scenario, solution: Solution) -> Plan:
     return Plan(
         scenario=scenario,
         criterion=criterion.name,
-        cost=solution.cost(),
+        cost=solution.cost,
         duration=transport.duration,
         solver={
             "method": solution.method,

@@ -265,7 +265,7 @@ class SolverSection(Section):
     """
 
     method: Literal["collocation", "shooting", "spectral"] = "collocation"
-    tolerance: Positive = Field(default=1e-5, le=0.1)
+    tolerance: Positive = Field(default=1e-4, le=0.1)
     max_nodes: Count = Field(default=2000, ge=10)
     samples: Count = Field(default=501, ge=11)
     starts: Count = Field(default=1, ge=1)

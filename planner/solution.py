@@ -10,7 +10,7 @@ import numpy as np
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.criteria.base import Evaluation
 
-_GAUSS = 5
+_GAUSS = 3
 
 
 @dataclass(frozen=True)
@@ -42,34 +42,48 @@ class Solution:
         method: Name of the method.
         mesh: Shares of the duration between which the solution is one polynomial, (M,).
         states: Gives states and costates (K, 2 * state_size) at shares (K,).
+        cost: The criterion's value.
         residual: Largest relative residual of the differential equations.
         iterations: Newton iterations.
         refinements: Progress of the solve.
         seconds: Time that the solve took [s].
         remarks: What the reader should know, e.g. a continuation that was needed.
+        evidence: Further numbers for the plan's checks.
     """
 
     problem: BoundaryValueProblem
     method: str
     mesh: np.ndarray
     states: Callable[[np.ndarray], np.ndarray]
+    cost: float
     residual: float
     iterations: int
     refinements: tuple[Refinement, ...]
     seconds: float
     remarks: tuple[str, ...] = field(default=())
+    evidence: dict[str, float] = field(default_factory=dict)
 
     def evaluate(self, share: np.ndarray) -> tuple[np.ndarray, Evaluation]:
         """Returns states and costates, and their evaluation, at shares of the duration, (K,)."""
         x = self.states(share)
         return x, self.problem.evaluate(share, x)
 
-    def cost(self) -> float:
-        """Returns the criterion's integral, by Gauss quadrature on every mesh interval."""
-        points, weights = np.polynomial.legendre.leggauss(_GAUSS)
-        width = np.diff(self.mesh)[:, None]
-        share = (self.mesh[:-1, None] + width * (points + 1.0) / 2.0).ravel()
-        x, at = self.evaluate(share)
-        running = self.problem.criterion.running_cost(at, x)
-        total = float(running @ (width * weights / 2.0).ravel())
-        return total * self.problem.transport.duration
+
+def integrate_cost(
+    problem: BoundaryValueProblem,
+    mesh: np.ndarray,
+    states: Callable[[np.ndarray], np.ndarray],
+) -> float:
+    """Returns the criterion's integral, by Gauss quadrature on every mesh interval.
+
+    Args:
+        problem: The problem.
+        mesh: Shares of the duration between which the states are smooth, (M,).
+        states: Gives states and costates at shares.
+    """
+    points, weights = np.polynomial.legendre.leggauss(_GAUSS)
+    width = np.diff(mesh)[:, None]
+    share = (mesh[:-1, None] + width * (points + 1.0) / 2.0).ravel()
+    x = states(share)
+    running = problem.criterion.running_cost_of(problem.coordinates, share, x)
+    return float(running @ (width * weights / 2.0).ravel()) * problem.transport.duration

@@ -177,6 +177,16 @@ class Criterion(ABC):
             cost = cost + self.state_cost.value(at.tangent.q, at.motion.v)
         return cost
 
+    def running_cost_of(
+        self, coordinates: Coordinates, share: np.ndarray, x: np.ndarray
+    ) -> np.ndarray:
+        """Returns the running cost L at K states, (K,), with as little evaluated as it needs."""
+        if not self.torque_is_state or self.state_cost is not None:
+            return self.running_cost(self.evaluate(coordinates, share, x), x)
+        tau, n3 = x[:, self.at_tau], x[:, self.at_n3]
+        cost: np.ndarray = 0.5 * (tau * tau) @ self.torque_weights
+        return cost + 0.5 * (n3 * n3) @ (1.0 / self.rate_weights)
+
     def hamiltonian(self, at: Evaluation, x: np.ndarray, independent: np.ndarray) -> np.ndarray:
         """Returns the terms of the Hamiltonian (eq. 11), whose sum is constant, (K, 4).
 

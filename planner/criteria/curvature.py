@@ -59,7 +59,7 @@ def hamiltonian_curvature(
     moved = base.q[None] + STEP * base.s.transpose(2, 0, 1)
     moved = moved.reshape(p * count, chain.n)
     moved_at = tangent(chain, joints, moved, chain.dynamics.placements(moved))
-    both = _join(moved_at, base, p)
+    both = join_tangents(moved_at, base, p)
     rates = np.broadcast_to(rate, (2, p, count, p)).copy()
     for joint in range(p):
         rates[1, joint, :, joint] += rate_step
@@ -87,7 +87,7 @@ def _repeat(values: np.ndarray, times: int) -> np.ndarray:
     return np.broadcast_to(values, (times, *values.shape)).reshape(-1, *values.shape[1:])
 
 
-def _join(moved: Tangent, base: Tangent, times: int) -> Tangent:
+def join_tangents(moved: Tangent, base: Tangent, times: int) -> Tangent:
     """Returns the moved samples followed by `times` copies of the base samples."""
 
     def both(new: np.ndarray, old: np.ndarray) -> np.ndarray:

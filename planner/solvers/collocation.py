@@ -17,7 +17,7 @@ from scipy.integrate import solve_bvp
 
 from planner.boundary_value_problem import BoundaryValueProblem, Guess
 from planner.outcome import Failure, failure
-from planner.solution import ProgressCallback, Refinement, Solution
+from planner.solution import ProgressCallback, Refinement, Solution, integrate_cost
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
@@ -117,11 +117,16 @@ def solve_collocation(
             scenario,
             **evidence,
         )
+
+    def states(at: np.ndarray) -> np.ndarray:
+        return problem.physical(found.sol(at))
+
     return Solution(
         problem=problem,
         method="collocation",
         mesh=found.x,
-        states=lambda at: problem.physical(found.sol(at)),
+        states=states,
+        cost=integrate_cost(problem, found.x, states),
         residual=residual,
         iterations=problem.newton_steps,
         refinements=tuple(reader.seen),

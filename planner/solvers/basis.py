@@ -1,0 +1,124 @@
+"""Polynomials on [0, 1] with prescribed ends, and operators on Gauss nodes; all cached.
+
+A curve is a sum of two parts: a polynomial that takes the values (and derivatives) prescribed at
+either end, and polynomials of higher degree that vanish there, on Legendre's. The latter are
+orthonormal in a chosen derivative, so that the normal equations of smooth problems stay well
+conditioned at any degree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Gauss-Legendre nodes on [0, 1].
+
+    Attributes:
+        u: Nodes, (K,).
+        weights: Quadrature weights, (K,).
+        derivative: Differentiation matrix of the polynomial through the nodes, (K, K).
+    """
+
+    u: np.ndarray
+    weights: np.ndarray
+    derivative: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def gauss_nodes(count: int) -> Nodes:
+    """Returns the `count` Gauss nodes with weights and differentiation matrix."""
+    points, weights = legendre.leggauss(count)
+    vandermonde = legendre.legvander(points, count - 1)
+    return Nodes(
+        u=0.5 * (points + 1.0),
+        weights=0.5 * weights,
+        derivative=np.linalg.solve(vandermonde.T, _slopes(points, count - 1, 1).T).T,
+    )
+
+
+def _slopes(points: np.ndarray, degree: int, order: int) -> np.ndarray:
+    """Returns derivatives in u of Legendre's polynomials at points of [-1, 1], (K, degree + 1)."""
+    columns = legendre.legder(np.eye(degree + 1), order, axis=0) if order else np.eye(degree + 1)
+    return 2.0**order * legendre.legval(points, columns).T
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Polynomials of one degree with a number of prescribed values at either end.
+
+    Attributes:
+        degree: Degree.
+        ends: How many values (value, slope, second derivative) are prescribed at start and goal.
+        coefficients: Legendre coefficients, (degree + 1, conditions + free): first those that
+            carry the end values, in order, then the free ones, which vanish at the ends.
+    """
+
+    degree: int
+    ends: tuple[int, int]
+    coefficients: np.ndarray
+
+    @property
+    def conditions(self) -> int:
+        """Number of prescribed values."""
+        return sum(self.ends)
+
+    @property
+    def free(self) -> int:
+        """Number of free coefficients."""
+        return self.degree + 1 - self.conditions
+
+    def values(self, u: np.ndarray, order: int = 0) -> np.ndarray:
+        """Returns the polynomials' derivatives at u, (K, conditions + free)."""
+        return _slopes(2.0 * np.asarray(u) - 1.0, self.degree, order) @ self.coefficients
+
+
+@lru_cache(maxsize=256)
+def make_basis(degree: int, start: int, goal: int, smooth: int) -> Basis:
+    """Returns a basis whose free polynomials are orthonormal in their derivative `smooth`.
+
+    Args:
+        degree: Degree, at least start + goal - 1.
+        start: Number of values prescribed at 0: value, slope, second derivative.
+        goal: Likewise at 1.
+        smooth: Order of the derivative in which they are orthonormal.
+    """
+    ends = np.vstack(
+        [
+            *(_slopes(np.array([-1.0]), degree, order) for order in range(start)),
+            *(_slopes(np.array([1.0]), degree, order) for order in range(goal)),
+            np.zeros((0, degree + 1)),
+        ]
+    )
+    count = start + goal
+    # the carrying polynomials have the least degree that can take the values
+    carrying = np.zeros((degree + 1, count))
+    carrying[:count] = np.linalg.inv(ends[:, :count]) if count else np.zeros((0, 0))
+    null = np.linalg.qr(ends.T, mode="complete")[0][:, count:] if count else np.eye(degree + 1)
+    nodes = gauss_nodes(degree + 1)
+    points = 2.0 * nodes.u - 1.0
+    root = np.sqrt(nodes.weights)[:, None]
+    slopes = root * (_slopes(points, degree, smooth) @ null)
+    size = np.abs(slopes).max() if slopes.size else 1.0
+    # what the derivative does not see (low powers, where ends are free) is measured by value
+    plain = 1e-3 * size * root * (_slopes(points, degree, 0) @ null)
+    _, values, rows = np.linalg.svd(np.vstack([slopes, plain]), full_matrices=False)
+    free = null @ rows.T / values
+    # smooth ones first: decay along the columns then tells the resolution
+    order = np.argsort(-values)[::-1]
+    return Basis(degree, (start, goal), np.hstack([carrying, free[:, order]]))
+
+
+@lru_cache(maxsize=256)
+def basis_at_nodes(
+    degree: int, start: int, goal: int, smooth: int, count: int, orders: int
+) -> tuple[np.ndarray, ...]:
+    """Returns a basis's derivatives of orders 0 to `orders` - 1 at the Gauss nodes."""
+    basis = make_basis(degree, start, goal, smooth)
+    u = gauss_nodes(count).u
+    return tuple(basis.values(u, order) for order in range(orders))

@@ -1,0 +1,228 @@
+"""Direct spectral method: motion and multiplier as polynomials, the criterion minimised over them.
+
+Every joint is actuated, so torques are explicit in the motion y(t) and the multiplier lambda(t).
+Both are polynomials whose ends take what the boundary prescribes; the chain is closed at every
+sample, so that every iterate is feasible and the problem has no constraints left:
+
+    min 1/2 int (d tau/dt)' W (d tau/dt) + tau' V tau + state cost  dt
+
+over the free coefficients, a nonlinear least-squares problem on Gauss nodes. Gauss-Newton steps
+with adaptive damping lead to the valley, Newton steps with second derivatives down its floor.
+The degree grows until the coefficients have decayed.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from planner.criteria.base import Criterion
+from planner.independent_joints import Coordinates
+from planner.solution import ProgressCallback, Refinement
+from planner.solvers.spectral_problem import Curves, EndValues, Point, SpectralProblem
+from planner.transport import Transport
+
+FIRST_DEGREE = 20
+DEGREE_STEP = 6
+LAST_DEGREE = 60
+_MAX_STEPS = 60
+_SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralResult:
+    """Where the minimisation ended.
+
+    Attributes:
+        curves: Motion and multiplier.
+        cost: The criterion.
+        degree: Degree of the polynomials.
+        tail: Share of the highest coefficients in the size of the motion's third derivative.
+        iterations: Steps taken at all degrees.
+        decrease: Predicted relative decrease of the next step.
+        converged: Whether that is below the tolerance and the tail has decayed.
+        refinements: Progress.
+        seconds: Time taken [s].
+        message: Why it ended.
+        problem: The problem at the last degree.
+        point: The last iterate.
+    """
+
+    curves: Curves
+    cost: float
+    degree: int
+    tail: float
+    iterations: int
+    decrease: float
+    converged: bool
+    refinements: tuple[Refinement, ...]
+    seconds: float
+    message: str
+    problem: SpectralProblem
+    point: Point
+
+
+def minimise(
+    transport: Transport,
+    criterion: Criterion,
+    coordinates: Coordinates,
+    *,
+    tolerance: float = 1e-9,
+    tail: float = 3e-4,
+    start: Curves | None = None,
+    progress: ProgressCallback | None = None,
+) -> SpectralResult | None:
+    """Returns the polynomials of least cost, or None if no start could be closed.
+
+    Args:
+        transport: The motion asked for.
+        criterion: What is minimised.
+        coordinates: Map from independent joints to closed postures; it remembers the result.
+        tolerance: Relative cost that may still be gained when the minimisation ends.
+        tail: Share of the highest coefficients below which the degree suffices.
+        start: Curves to start from, e.g. of a plan nearby.
+        progress: Called once per iteration.
+    """
+    began = time.perf_counter()
+    seen: list[Refinement] = []
+
+    def report(degree: int, decrease: float, cost: float) -> None:
+        step = Refinement(degree, decrease, cost, time.perf_counter() - began)
+        seen.append(step)
+        if progress is not None:
+            progress(step)
+
+    degree, steps = FIRST_DEGREE, 0
+    curves = start
+    while True:
+        problem = SpectralProblem(transport, criterion, coordinates, degree)
+        point = _first_point(problem, curves)
+        if point is None:
+            return None
+        point, decrease, taken, message = _descend(problem, point, tolerance, report)
+        steps += taken
+        curves = problem.curves(point)
+        coordinates.remember(problem.nodes.u, point.torques.tangent.q)
+        rest = resolution(problem, point)
+        good = message == "converged"
+        if not good or rest < tail or degree + DEGREE_STEP > LAST_DEGREE:
+            break
+        degree += DEGREE_STEP
+    if good and rest >= tail:
+        message = f"degree {degree} leaves a tail of {rest:.1e}"
+    return SpectralResult(
+        curves=curves,
+        cost=point.cost,
+        degree=degree,
+        tail=rest,
+        iterations=steps,
+        decrease=decrease,
+        converged=good and rest < tail,
+        refinements=tuple(seen),
+        seconds=time.perf_counter() - began,
+        message=message,
+        problem=problem,
+        point=point,
+    )
+
+
+def resolution(problem: SpectralProblem, point: Point) -> float:
+    """Returns the share of the three highest Legendre coefficients in the torque's slope.
+
+    For torque criteria that is its own quantity; for both the size is the root of the sum of
+    squares over all joints, weighted as in the criterion.
+    """
+    criterion = problem.criterion
+    if criterion.torque_is_state:
+        values = point.slope * np.sqrt(criterion.rate_weights)
+    else:
+        values = point.torques.tau * np.sqrt(criterion.torque_weights)
+    points = 2.0 * problem.nodes.u - 1.0
+    last = problem.degree - 2
+    legendre = np.polynomial.legendre.legvander(points, last)
+    scale = 2.0 * np.arange(last + 1) + 1.0
+    coefficients = (legendre * problem.nodes.weights[:, None] * scale).T @ values
+    energy = (coefficients**2).sum(axis=1) / scale
+    total = float(energy.sum())
+    return float(np.sqrt(energy[-3:].sum() / total)) if total > 0.0 else 0.0
+
+
+def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None:
+    """Returns the first iterate: the plainest polynomial, or what is nearest to given curves."""
+    transport = problem.transport
+    independent = transport.joints.independent
+    ends: list[EndValues] = []
+    for index, end in enumerate((transport.start, transport.goal)):
+        y = end.posture[independent]
+        if curves is not None and not end.held:
+            near = curves.y(np.array([float(index)]))
+            y = problem.retract(index, near)[0]
+        ends.append(problem.end_values(index, y[None])[0])
+    both = ends[0], ends[1]
+    candidates = [np.zeros(problem.size)]
+    if curves is not None:
+        u = problem.nodes.u
+        candidates.insert(0, problem.project(both, curves.y(u), curves.multiplier(u)))
+    else:
+        guess = np.array(
+            [np.interp(problem.nodes.u, transport.share, joint) for joint in transport.guess.T]
+        ).T[:, independent]
+        candidates.append(problem.project(both, guess, None))
+    for x in candidates:
+        point = problem.evaluate(x, both)
+        if point is not None:
+            return point
+    return None
+
+
+def _descend(problem, point, tolerance, report):  # type: ignore[no-untyped-def]
+    """Returns the last iterate, its predicted relative decrease, the steps, and why it ended."""
+    damping, exact = 0.0, False
+    before = np.inf
+    for step in range(_MAX_STEPS):
+        gradient, matrix, along_torque = problem.normal_equations(point)
+        scale = np.maximum(np.diag(matrix), 1e-12 * np.max(np.diag(matrix), initial=1e-300))
+        hessian = matrix + problem.curvature(point, along_torque) if exact else matrix
+        rejected = 0
+        while True:
+            move, damping = _step(hessian, gradient, scale, damping)
+            gain = -float(gradient @ move + 0.5 * move @ hessian @ move)
+            relative = gain / max(point.cost, 1e-300)
+            new = problem.moved(point, move)
+            ratio = -1.0 if new is None else (point.cost - new.cost) / max(gain, 1e-300)
+            if new is not None and (ratio > 1e-4 or relative < 1e-13):
+                break
+            rejected += 1
+            damping = max(10.0 * damping, 1e-4)
+            if damping > 1e8:
+                return point, relative, step, "no descent"
+        report(problem.degree, relative, new.cost)
+        point = new if new.cost <= point.cost else point
+        if ratio > 0.75 and not rejected:
+            damping = 0.0 if damping < 1e-8 else 0.1 * damping
+        elif ratio < 0.25:
+            damping = max(4.0 * damping, 1e-6)
+        pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
+        # what is left is a geometric series of this pace; Newton squares it
+        left = relative * (min(pace, 1.0) ** 2 if exact else pace / max(1.0 - pace, 1e-3))
+        if damping < 1e-3 and (left < tolerance or relative < 1e-3 * tolerance):
+            return point, relative, step + 1, "converged"
+        if not exact and step >= 2 and pace > _SLOW and relative < 0.3:
+            exact = True
+        before = relative
+    return point, relative, _MAX_STEPS, "too many steps"
+
+
+def _step(
+    hessian: np.ndarray, gradient: np.ndarray, scale: np.ndarray, damping: float
+) -> tuple[np.ndarray, float]:
+    """Returns the damped Newton step, and the damping that made the matrix positive."""
+    while True:
+        try:
+            factor = scipy.linalg.cho_factor(hessian + np.diag(damping * scale), check_finite=False)
+            return -scipy.linalg.cho_solve(factor, gradient, check_finite=False), damping
+        except scipy.linalg.LinAlgError:
+            damping = max(4.0 * damping, 1e-6)

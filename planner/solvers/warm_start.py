@@ -1,0 +1,220 @@
+"""From the spectral result to states and costates, and to a mesh that suits them.
+
+Pontryagin's equations read backwards give the costates: n3 = -W d tau/dt, then n2 from
+dn3/dt = -B'n2 - V tau, then n1 = -dn2/dt - S' dH/dv.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.boundary_value_problem import BoundaryValueProblem, Guess
+from planner.constrained_dynamics import Motion, inverse_derivatives
+from planner.costates import hamiltonian_gradient
+from planner.solution import Solution
+from planner.solvers.inverse_torques import inverse_torques
+from planner.solvers.spectral import SpectralResult
+from planner.vectors import matvec, transpose
+
+_LOBATTO = np.array([-np.sqrt(3.0 / 7.0), 0.0, np.sqrt(3.0 / 7.0)])
+_FEWEST, _MOST = 12, 1500
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """States and costates as polynomials of the share of the duration.
+
+    Attributes:
+        coefficients: Legendre coefficients, (degree + 1, 2 * state_size).
+    """
+
+    coefficients: np.ndarray
+
+    def __call__(self, share: np.ndarray, order: int = 0) -> np.ndarray:
+        """Returns states and costates, or their derivatives in the share, (K, 2 * state_size)."""
+        c = self.coefficients
+        if order:
+            c = 2.0**order * np.polynomial.legendre.legder(c, order, axis=0)
+        values: np.ndarray = np.polynomial.legendre.legval(2.0 * np.asarray(share) - 1.0, c).T
+        return values
+
+
+def spectral_states(problem: BoundaryValueProblem, result: SpectralResult) -> States:
+    """Returns states and costates of a spectral result as polynomials."""
+    criterion, transport = problem.criterion, problem.transport
+    spectral, point = result.problem, result.point
+    nodes, duration = spectral.nodes, transport.duration
+    degree = spectral.degree
+    # every derivative costs accuracy: what follows from one is fitted by a lower degree
+    fit, _ = _smoothing(nodes.u, nodes.weights, degree, degree)
+    rough, slope = _smoothing(nodes.u, nodes.weights, degree - 3, degree)
+    rougher, slope_again = _smoothing(nodes.u, nodes.weights, degree - 6, degree)
+    roughest, _ = _smoothing(nodes.u, nodes.weights, degree - 9, degree)
+    torques = point.torques
+    at = torques.tangent
+    s, independent = at.s, transport.joints.independent
+    inertia = torques.along_acceleration  # I S
+    reduced = transpose(s) @ inertia
+    x = np.zeros((len(nodes.u), 2 * criterion.state_size))
+    x[:, criterion.at_y] = at.q[:, independent]
+    x[:, criterion.at_rate] = point.rate
+    if criterion.torque_is_state:
+        x[:, criterion.at_tau] = torques.tau
+        n3 = -criterion.rate_weights * point.slope
+        x[:, criterion.at_n3] = n3
+        mu = -(slope @ n3) / duration - criterion.torque_weights * torques.tau
+    else:
+        mu = -criterion.torque_weights * torques.tau
+    # mu lies in the range of S only where the multiplier is optimal: take its share there
+    share = np.linalg.solve(transpose(s) @ s, transpose(s) @ mu[..., None])
+    n2 = (reduced @ share)[..., 0]
+    x[:, criterion.at_n2] = n2
+    # I is only needed on what the constraint solve puts out: its columns along S
+    motion = Motion(
+        tangent=at,
+        v=torques.v,
+        inertia=problem.transport.chain.dynamics.inertia_and_bias(at.q, torques.v)[0],
+        reduced=np.linalg.inv(reduced),
+        a=torques.a,
+        multiplier=point.multiplier,
+    )
+    derivatives = inverse_derivatives(transport.chain, transport.joints, motion)
+    gradient = hamiltonian_gradient(transport.joints, motion, derivatives, n2, criterion.state_cost)
+    x[:, criterion.at_n1] = -(slope_again @ n2) / duration - gradient.along_rate
+    coefficients = fit @ x
+    for place, smooth in (
+        (criterion.at_n3, rough),
+        (criterion.at_n2, rougher),
+        (criterion.at_n1, roughest),
+    ):
+        coefficients[:, place] = smooth @ x[:, place]
+    return States(coefficients)
+
+
+def _smoothing(
+    u: np.ndarray, weights: np.ndarray, degree: int, rows: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the fit of Legendre coefficients to values at the nodes, and the fit's slope there.
+
+    The fit has the given degree, its coefficients are filled up with zeros to `rows` + 1.
+    """
+    points = 2.0 * u - 1.0
+    vandermonde = np.polynomial.legendre.legvander(points, degree)
+    fit = np.zeros((rows + 1, len(u)))
+    fit[: degree + 1] = (vandermonde * weights[:, None] * (2.0 * np.arange(degree + 1) + 1.0)).T
+    slopes = np.polynomial.legendre.legval(
+        points, 2.0 * np.polynomial.legendre.legder(np.eye(rows + 1), 1, axis=0)
+    ).T
+    return fit, slopes @ fit
+
+
+def adapted_mesh(
+    scaled: Callable[[np.ndarray, int], np.ndarray], tolerance: float, *, margin: float = 0.5
+) -> np.ndarray:
+    """Returns a mesh on which cubic collocation keeps its residual below the tolerance.
+
+    The residual of a cubic through exact values and slopes grows with the cube of an interval
+    times the fourth derivative: nodes are spread so that this is the same everywhere.
+
+    Args:
+        scaled: Gives scaled states' derivatives of some order at shares, (K, .).
+        tolerance: Relative residual allowed.
+        margin: Share of it to aim for.
+    """
+    fine = np.linspace(0.0, 1.0, 401)
+    slopes, fourth = scaled(fine, 1), scaled(fine, 4)
+    density = np.sqrt((fourth**2 / (1.0 + np.abs(slopes)) ** 2).sum(axis=1)) ** (1.0 / 3.0)
+    density = np.maximum(density, 0.1 * np.max(density))
+    count = 40
+    for _ in range(6):
+        mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+        mesh = np.interp(np.linspace(0.0, mass[-1], count), mass, fine)
+        residual = _cubic_residual(scaled, mesh)
+        ratio = residual / (margin * tolerance)
+        if 0.7 < ratio <= 1.0 or not np.isfinite(ratio):
+            break
+        wanted = int(np.ceil((count - 1) * (1.05 * ratio) ** (1.0 / 3.0))) + 1
+        new = int(np.clip(wanted, _FEWEST, _MOST))
+        if new == count:
+            break
+        count = new
+    mesh[0], mesh[-1] = 0.0, 1.0
+    return mesh
+
+
+def _cubic_residual(scaled: Callable[[np.ndarray, int], np.ndarray], mesh: np.ndarray) -> float:
+    """Returns the largest relative residual of the cubic through values and slopes at the nodes."""
+    width = np.diff(mesh)[:, None]
+    value, slope = scaled(mesh, 0), scaled(mesh, 1)
+    rise = (value[1:] - value[:-1]) / width
+    squares = np.zeros(len(width))
+    for place, weight in zip(_LOBATTO, (49.0 / 90.0, 32.0 / 45.0, 49.0 / 90.0), strict=True):
+        part = 0.5 * (place + 1.0)
+        cubic = (
+            slope[:-1] * (1.0 - 4.0 * part + 3.0 * part**2)
+            + slope[1:] * (3.0 * part**2 - 2.0 * part)
+            + 6.0 * rise * part * (1.0 - part)
+        )
+        true = scaled(mesh[:-1] + part * width[:, 0], 1)
+        off = (cubic - true) / (1.0 + np.abs(true))
+        squares += weight * (off**2).sum(axis=1)
+    return float(np.max(np.sqrt(0.5 * squares)))
+
+
+def warm_start(
+    problem: BoundaryValueProblem, result: SpectralResult, tolerance: float
+) -> tuple[Guess, States]:
+    """Returns the guess for collocation on its adapted mesh, and the polynomials it samples."""
+    states = spectral_states(problem, result)
+    mesh = adapted_mesh(lambda share, order: states(share, order) / problem.scale, tolerance)
+    return Guess(mesh, states(mesh), result.cost), states
+
+
+def spectral_solution(problem: BoundaryValueProblem, result: SpectralResult) -> Solution:
+    """Returns the spectral result as a solution: states from its curves, costates as fitted.
+
+    Its residual is that of the adjoint equations with these costates, whose differentiation
+    costs accuracy that the motion itself has; collocation gives the certificate.
+    """
+    costates = spectral_states(problem, result)
+    criterion, transport = problem.criterion, problem.transport
+    duration, curves = transport.duration, result.curves
+
+    def states(share: np.ndarray) -> np.ndarray:
+        x = costates(share)
+        y, rate = curves.y(share), curves.y(share, 1) / duration
+        x[:, criterion.at_y], x[:, criterion.at_rate] = y, rate
+        if criterion.torque_is_state:
+            at, _ = problem.coordinates.tangent(share, y)
+            acceleration = curves.y(share, 2) / duration**2
+            torques = inverse_torques(
+                transport.chain,
+                transport.joints,
+                at,
+                rate,
+                acceleration,
+                curves.multiplier(share),
+            )
+            x[:, criterion.at_tau] = torques.tau
+        return x
+
+    mesh = np.linspace(0.0, 1.0, 41)
+    middle = 0.5 * (mesh[1:] + mesh[:-1])
+    slope = problem.right_side(middle, problem.scaled(states(middle)))
+    true = (costates(middle, 1) / problem.scale).T
+    off = np.sqrt(((slope - true) ** 2).sum(axis=0) / (1.0 + slope**2).sum(axis=0))
+    return Solution(
+        problem=problem,
+        method="spectral",
+        mesh=mesh,
+        states=states,
+        cost=result.cost,
+        residual=float(np.max(off)),
+        iterations=result.iterations,
+        refinements=result.refinements,
+        seconds=result.seconds,
+        evidence={"spectral_degree": float(result.degree), "spectral_tail": result.tail},
+    )
