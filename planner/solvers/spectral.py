@@ -29,6 +29,7 @@ FIRST_DEGREE = 20
 DEGREE_STEP = 6
 LAST_DEGREE = 60
 _MAX_STEPS = 60
+_ROUND_OFF = 1e-12  # of the cost: what it is known to
 _SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
 
 
@@ -193,7 +194,7 @@ def _descend(problem, point, tolerance, report):  # type: ignore[no-untyped-def]
             relative = gain / max(point.cost, 1e-300)
             new = problem.moved(point, move)
             ratio = -1.0 if new is None else (point.cost - new.cost) / max(gain, 1e-300)
-            if new is not None and (ratio > 1e-4 or relative < 1e-13):
+            if new is not None and (ratio > 1e-4 or relative < _ROUND_OFF):
                 break
             rejected += 1
             damping = max(10.0 * damping, 1e-4)
@@ -201,6 +202,8 @@ def _descend(problem, point, tolerance, report):  # type: ignore[no-untyped-def]
                 return point, relative, step, "no descent"
         report(problem.degree, relative, new.cost)
         point = new if new.cost <= point.cost else point
+        if relative < _ROUND_OFF:
+            return point, relative, step + 1, "converged"
         if ratio > 0.75 and not rejected:
             damping = 0.0 if damping < 1e-8 else 0.1 * damping
         elif ratio < 0.25:

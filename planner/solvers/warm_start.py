@@ -112,7 +112,7 @@ def _smoothing(
 
 
 def adapted_mesh(
-    scaled: Callable[[np.ndarray, int], np.ndarray], tolerance: float, *, margin: float = 0.5
+    scaled: Callable[[np.ndarray, int], np.ndarray], tolerance: float, *, margin: float = 0.25
 ) -> np.ndarray:
     """Returns a mesh on which cubic collocation keeps its residual below the tolerance.
 
