@@ -12,6 +12,8 @@ from typing import Any
 from planner.errors import ModelError
 from planner.urdf import package_directories, read_urdf
 
+MOST_DOUBTS = 12  # of one file: a humanoid has dozens of sensors with odd inertias
+
 
 @dataclass(frozen=True)
 class Review:
@@ -84,9 +86,11 @@ def review_urdf(path: Path, packages: Sequence[str], directory: Path) -> Review:
         if link != refused
     ]
     doubts += [f"{path}: {text}" for text in _invalid(robot)]
-    doubts += [f"{path}: {text}" for text in _doubtful_limits(robot)]
+    doubts += [f"{path}: {text}" for text in _empty_ranges(robot)]
     folders = package_directories(packages, directory)
     doubts += [f"{path}: {text}" for text in _missing_meshes(robot, path.parent, folders)]
+    if len(doubts) > MOST_DOUBTS:
+        doubts[MOST_DOUBTS:] = [f"{path}: and {len(doubts) - MOST_DOUBTS} more"]
     return Review(
         path=path,
         masses={
@@ -161,19 +165,13 @@ def _invalid(robot: Any) -> list[str]:
     return found
 
 
-def _doubtful_limits(robot: Any) -> list[str]:
+def _empty_ranges(robot: Any) -> list[str]:
     texts = []
     for joint in robot.joints:
-        limit = joint.limit
-        if limit is None or joint.type not in ("revolute", "prismatic", "continuous"):
-            continue
-        lower, upper = limit.lower or 0.0, limit.upper or 0.0
-        if joint.type != "continuous" and lower >= upper:
-            texts.append(f"joint {joint.name}: its range {lower:g} to {upper:g} is empty")
-        for name in ("velocity", "effort"):
-            value = getattr(limit, name)
-            if value is not None and value < 0.0:
-                texts.append(f"joint {joint.name}: {name} limit {value:g} is negative")
+        if joint.limit is not None and joint.type in ("revolute", "prismatic"):
+            lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+            if lower >= upper:
+                texts.append(f"joint {joint.name}: its range {lower:g} to {upper:g} is empty")
     return texts
 
 

@@ -14,6 +14,7 @@ The degree grows until the coefficients have decayed.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +24,15 @@ from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.solution import ProgressCallback, Refinement
 from planner.solvers.spectral_problem import Curves, EndValues, Point, SpectralProblem
+from planner.solvers.trust_region import reduce_model, trust_region_step
 from planner.transport import Transport
 
 FIRST_DEGREE = 20
 DEGREE_STEP = 6
 LAST_DEGREE = 60
-_MAX_STEPS = 60
+_MAX_STEPS = 80
+_FIRST_RADIUS = 8.0  # rad per duration, root mean square of all joint speeds together
+_LEAST_RADIUS = 1e-9
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
 _SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
 
@@ -179,53 +183,55 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
     return None
 
 
-def _descend(problem, point, tolerance, report):  # type: ignore[no-untyped-def]
+def _descend(
+    problem: SpectralProblem,
+    point: Point,
+    tolerance: float,
+    report: Callable[[int, float, float], None],
+) -> tuple[Point, float, int, str]:
     """Returns the last iterate, its predicted relative decrease, the steps, and why it ended."""
-    damping, exact = 0.0, False
-    before = np.inf
+    radius, exact, before = _FIRST_RADIUS, False, np.inf
+    metric = problem.metric(point)
+    relative = np.inf
     for step in range(_MAX_STEPS):
         gradient, matrix, along_torque = problem.normal_equations(point)
-        scale = np.maximum(np.diag(matrix), 1e-12 * np.max(np.diag(matrix), initial=1e-300))
-        hessian = matrix + problem.curvature(point, along_torque) if exact else matrix
-        rejected = 0
+        if exact:
+            matrix += problem.curvature(point, along_torque)
+        try:
+            model = reduce_model(gradient, matrix, metric, problem.motion, problem.force)
+        except scipy.linalg.LinAlgError:
+            return point, relative, step, "singular equations"
+        # the multiplier's own gain is that of a motion that stays
+        own = -0.5 * float(gradient[problem.force] @ model.force_step)
+        limited = True
         while True:
-            move, damping = _step(hessian, gradient, scale, damping)
-            gain = -float(gradient @ move + 0.5 * move @ hessian @ move)
+            move, gain, length = trust_region_step(model, radius)
+            gain += own
             relative = gain / max(point.cost, 1e-300)
+            limited = length > 0.95 * radius
             new = problem.moved(point, move)
             ratio = -1.0 if new is None else (point.cost - new.cost) / max(gain, 1e-300)
-            if new is not None and (ratio > 1e-4 or relative < _ROUND_OFF):
+            if new is not None and (ratio > 1e-3 or relative < _ROUND_OFF):
                 break
-            rejected += 1
-            damping = max(10.0 * damping, 1e-4)
-            if damping > 1e8:
+            radius = 0.3 * min(length, radius)
+            if radius < _LEAST_RADIUS:
                 return point, relative, step, "no descent"
+        assert new is not None
         report(problem.degree, relative, new.cost)
         point = new if new.cost <= point.cost else point
         if relative < _ROUND_OFF:
             return point, relative, step + 1, "converged"
-        if ratio > 0.75 and not rejected:
-            damping = 0.0 if damping < 1e-8 else 0.1 * damping
+        if ratio > 0.7 and limited:
+            radius *= 2.5
         elif ratio < 0.25:
-            damping = max(4.0 * damping, 1e-6)
+            radius = 0.4 * min(length, radius)
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
         # what is left is a geometric series of this pace; Newton squares it
         left = relative * (min(pace, 1.0) ** 2 if exact else pace / max(1.0 - pace, 1e-3))
-        if damping < 1e-3 and (left < tolerance or relative < 1e-3 * tolerance):
+        convex = model.values[0] > -1e-9 * np.max(np.abs(model.values))
+        if not limited and convex and (left < tolerance or relative < 1e-3 * tolerance):
             return point, relative, step + 1, "converged"
-        if not exact and step >= 2 and pace > _SLOW and relative < 0.3:
+        if not exact and (step >= 2 and pace > _SLOW and relative < 0.3 or ratio < 0.25):
             exact = True
         before = relative
     return point, relative, _MAX_STEPS, "too many steps"
-
-
-def _step(
-    hessian: np.ndarray, gradient: np.ndarray, scale: np.ndarray, damping: float
-) -> tuple[np.ndarray, float]:
-    """Returns the damped Newton step, and the damping that made the matrix positive."""
-    while True:
-        try:
-            factor = scipy.linalg.cho_factor(hessian + np.diag(damping * scale), check_finite=False)
-            return -scipy.linalg.cho_solve(factor, gradient, check_finite=False), damping
-        except scipy.linalg.LinAlgError:
-            damping = max(4.0 * damping, 1e-6)

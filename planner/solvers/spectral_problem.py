@@ -163,6 +163,27 @@ class SpectralProblem:
         """Number of unknowns."""
         return sum(self._sizes)
 
+    @cached_property
+    def motion(self) -> np.ndarray:
+        """Indices of the unknowns that move the arms, those of the ends' postures included."""
+        return np.r_[self.places[0], self.places[2], self.places[3]]
+
+    @cached_property
+    def force(self) -> np.ndarray:
+        """Indices of the multiplier's unknowns."""
+        return np.r_[self.places[1]]
+
+    def metric(self, point: Point) -> np.ndarray:
+        """Returns the root M of a norm on the motion's unknowns: |M d| is the change of joint
+        speeds that a step d makes, root mean square in rad per duration."""
+        whole = self._unknowns_to_motion(point)[:, self.p : 2 * self.p, self.motion]
+        speeds = point.torques.tangent.s @ whole * self.transport.duration
+        rows = (speeds * np.sqrt(self.nodes.weights)[:, None, None]).reshape(-1, len(self.motion))
+        square = rows.T @ rows
+        square[np.diag_indices_from(square)] += 1e-10 * np.max(np.diag(square))
+        root: np.ndarray = np.linalg.cholesky(square).T
+        return root
+
     # ---- ends --------------------------------------------------------------------------------------
 
     def end_values(self, index: int, y: np.ndarray) -> list[EndValues]:
