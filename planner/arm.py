@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -11,6 +12,7 @@ import pinocchio as pin
 
 from planner.errors import ModelError
 from planner.urdf import Urdf, find_urdf, package_directories, read_urdf
+from planner.urdf_joints import parser_messages
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
@@ -130,12 +132,7 @@ def read_visuals(scenario: Scenario, side: Side) -> tuple[pin.Model, pin.Geometr
     chosen = _choose_joints(scenario, side)
     packages = scenario.robot.packages if scenario.robot else []
     folders = [chosen.urdf.path.parent, *package_directories(packages, scenario.directory)]
-    geometry = pin.buildGeomFromUrdfString(
-        chosen.full,
-        chosen.urdf.text,
-        pin.GeometryType.VISUAL,
-        package_dirs=[str(folder) for folder in folders],
-    )
+    geometry = read_shapes(chosen.full, chosen.urdf, folders)
     if _is_shared(scenario):
         right = set(_choose_joints(scenario, "right").moving)
         # copies: removing shifts what the vector's own elements refer to
@@ -155,6 +152,28 @@ def read_visuals(scenario: Scenario, side: Side) -> tuple[pin.Model, pin.Geometr
         base_placement(scenario, side),
     )
     return placed[0], placed[1]
+
+
+def read_shapes(model: pin.Model, urdf: Urdf, folders: Sequence[Path]) -> pin.GeometryModel:
+    """Returns the visual geometry of a URDF.
+
+    Raises:
+        ModelError: A mesh is not there or cannot be read.
+    """
+    try:
+        with parser_messages():
+            return pin.buildGeomFromUrdfString(
+                model,
+                urdf.text,
+                pin.GeometryType.VISUAL,
+                package_dirs=[str(folder) for folder in folders],
+            )
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(
+            f"its shapes cannot be drawn: {error}",
+            source=urdf.path,
+            remedy="mend the file name, or name the folder of its package in robot.packages",
+        ) from None
 
 
 def _is_shared(scenario: Scenario) -> bool:
@@ -206,10 +225,12 @@ def _choose_joints(scenario: Scenario, side: Side) -> _Chosen:
 
 def _full_model(urdf: Urdf) -> pin.Model:
     try:
-        return pin.buildModelFromXML(urdf.text)
+        with parser_messages() as said:
+            return pin.buildModelFromXML(urdf.text)
     except (ValueError, RuntimeError) as error:
+        reason = ", ".join(said) or str(error)
         raise ModelError(
-            f"Pinocchio cannot read it: {error}", source=urdf.path, remedy="mend the URDF"
+            f"Pinocchio cannot read it: {reason}", source=urdf.path, remedy="mend the URDF"
         ) from None
 
 

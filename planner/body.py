@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from planner.arm import read_shapes
 from planner.errors import ModelError
 from planner.urdf import Urdf, find_urdf, package_directories, read_urdf
+from planner.urdf_joints import parser_messages
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
@@ -56,19 +58,21 @@ def read_object(scenario: Scenario) -> Body:
         ModelError: The URDF cannot be used, or has joints that move.
     """
     urdf = read_urdf(object_path(scenario))
-    if urdf.joints:
+    try:
+        with parser_messages() as said:
+            model = pin.buildModelFromXML(urdf.text, pin.JointModelFreeFlyer())
+    except (ValueError, RuntimeError) as error:
+        reason = ", ".join(said) or str(error)
+        raise ModelError(
+            f"Pinocchio cannot read it: {reason}", source=urdf.path, remedy="mend the URDF"
+        ) from None
+    if model.njoints > 2:  # after the world and the joint that lets it float
         raise ModelError(
             "the object has joints that move",
             source=urdf.path,
-            value=list(urdf.joints),
+            value=list(model.names)[2:],
             remedy="make them fixed: the object is one rigid body",
         )
-    try:
-        model = pin.buildModelFromXML(urdf.text, pin.JointModelFreeFlyer())
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(
-            f"Pinocchio cannot read it: {error}", source=urdf.path, remedy="mend the URDF"
-        ) from None
     whole = model.inertias[1]
     mass, com, inertia = float(whole.mass), np.array(whole.lever), np.array(whole.inertia)
     if scenario.object.mass is not None:
@@ -84,9 +88,4 @@ def read_object_visuals(scenario: Scenario) -> pin.GeometryModel:
     packages = scenario.robot.packages if scenario.robot else []
     folders = [urdf.path.parent, *package_directories(packages, scenario.directory)]
     model = pin.buildModelFromXML(urdf.text)
-    return pin.buildGeomFromUrdfString(
-        model,
-        urdf.text,
-        pin.GeometryType.VISUAL,
-        package_dirs=[str(folder) for folder in folders],
-    )
+    return read_shapes(model, urdf, folders)

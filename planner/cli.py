@@ -5,7 +5,6 @@ Everything it does is one call from Python. Exit status: 0 solved, 1 not solved,
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ import typer
 
 from planner import __version__
 from planner.errors import InputError, PlannerError
+from planner.places import refuse_places, writing
 
 if TYPE_CHECKING:
     from planner.result import Plan
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 NOT_SOLVED = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
-PLOT_SUFFIXES = (".png", ".svg", ".pdf")  # those of planner.plots, which takes long to import
 
+# what can be read or written is found out here, not by typer (readable=False): its errors take
+# several lines
 app = typer.Typer(
     name="planner",
     help="Plans how two robot arms carry one object: motion, joint torques and hand forces.",
@@ -38,7 +39,10 @@ app = typer.Typer(
 )
 
 ScenarioFile = Annotated[
-    Path, typer.Argument(metavar="SCENARIO", help="TOML file that describes arms, object and task.")
+    Path,
+    typer.Argument(
+        metavar="SCENARIO", readable=False, help="TOML file that describes arms, object and task."
+    ),
 ]
 Settings = Annotated[
     Optional[list[str]],  # noqa: UP045 (typer reads it at run time)
@@ -50,12 +54,17 @@ Settings = Annotated[
 ]
 Page = Annotated[
     Optional[Path],  # noqa: UP045
-    typer.Option("--html", metavar="FILE", help="Writes the animated scene as one page."),
+    typer.Option(
+        "--html", metavar="FILE", readable=False, help="Writes the animated scene as one page."
+    ),
 ]
 Picture = Annotated[
     Optional[Path],  # noqa: UP045
     typer.Option(
-        "--plot", metavar="FILE", help="Draws path, torques and internal force: .png, .svg or .pdf."
+        "--plot",
+        metavar="FILE",
+        readable=False,
+        help="Draws path, torques and internal force: .png, .svg or .pdf.",
     ),
 ]
 View = Annotated[bool, typer.Option("--view", help="Shows the motion in the browser.")]
@@ -90,7 +99,12 @@ def plan(
     settings: Settings = None,
     out: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option("--out", metavar="DIR", help="Writes plan.json and trajectory.npz there."),
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            readable=False,
+            help="Writes plan.json and trajectory.npz there.",
+        ),
     ] = None,
     view: View = False,
     no_browser: NoBrowser = False,
@@ -99,7 +113,7 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """Plans the motion and says what came of it."""
-    _refuse_places(out, html, plot)
+    refuse_places(out, html, plot)
     asked = _load(scenario, settings)
 
     from planner import planning
@@ -112,14 +126,14 @@ def plan(
         result = planning.plan(asked, progress=progress)
     if isinstance(result, Failure):
         if out is not None:
-            with _writing(out):
+            with writing(out):
                 result.save(out)
         print_failure(result, out)
         print_stale([file for file in (html, plot) if file is not None and file.exists()])
         raise typer.Exit(NOT_SOLVED)
     print_plan(terminal, result, heading=not progress.count)
     if out is not None:
-        with _writing(out):
+        with writing(out):
             result.save(out)
         terminal.print(f"plan  {out / 'plan.json'}, {out / 'trajectory.npz'}")
     _draw(result, html, plot, quiet)
@@ -130,7 +144,8 @@ def plan(
 @app.command()
 def show(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder written by planner plan --out.")
+        Path,
+        typer.Argument(metavar="DIR", readable=False, help="Folder written by planner plan --out."),
     ],
     view: View = False,
     no_browser: NoBrowser = False,
@@ -139,7 +154,7 @@ def show(
     quiet: Quiet = False,
 ) -> None:
     """Shows a saved plan: in the browser, or as a page or a picture where these are asked for."""
-    _refuse_places(None, html, plot)
+    refuse_places(None, html, plot)
 
     from planner.result import Plan
     from planner.terminal import print_plan, screen
@@ -168,11 +183,14 @@ def check(scenario: ScenarioFile, settings: Settings = None) -> None:
 
 def reproduce(
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for figures, curves and report.")
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", readable=False, help="Folder for figures, curves and report."
+        ),
     ] = Path("out/reproduce"),
 ) -> None:
     """Computes the paper's figures and statements again and reports on each."""
-    _refuse_places(out, None, None)
+    refuse_places(out, None, None)
 
     import_module("planner.reproduction").reproduce(out)
 
@@ -222,18 +240,6 @@ def _named(path: Path) -> Iterator[None]:
         ) from None
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"cannot be written: {error.strerror or error}",
-            source=error.filename or path,
-            remedy="name another place",
-        ) from None
-
-
 def _draw(result: Plan, html: Path | None, plot: Path | None, quiet: bool) -> None:
     from planner.terminal import screen
 
@@ -241,48 +247,12 @@ def _draw(result: Plan, html: Path | None, plot: Path | None, quiet: bool) -> No
     if plot is not None:
         from planner.plots import write_plots
 
-        with _writing(plot):
+        with writing(plot):
             files = write_plots(result, plot)
         terminal.print(f"plot  {', '.join(str(file) for file in files)}")
     if html is not None:
         from planner.viewer import write_html
 
-        with _writing(html):
+        with writing(html):
             write_html(result, html)
         terminal.print(f"page  {html} (open it in a browser)")
-
-
-def _refuse_places(out: Path | None, html: Path | None, plot: Path | None) -> None:
-    """Refuses, before any work is done, places at which nothing can be written.
-
-    Raises:
-        InputError: A place is of the wrong kind, or not writable.
-    """
-    if plot is not None and plot.suffix.lower() not in PLOT_SUFFIXES:
-        raise InputError(
-            "plots are not written in this format",
-            source=plot,
-            key="--plot",
-            value=plot.suffix,
-            remedy="end the name in .png, .svg or .pdf",
-        )
-    for option, place in (("--out", out), ("--html", html), ("--plot", plot)):
-        if place is None:
-            continue
-        folder = place if option == "--out" else place.parent
-        if option != "--out" and place.is_dir():
-            raise InputError("is a folder", source=place, key=option, remedy="name a file in it")
-        # the nearest folder that exists is where the missing ones would be made
-        standing = next(part for part in (folder, *folder.absolute().parents) if part.exists())
-        if not standing.is_dir():
-            raise InputError(
-                "is a file, not a folder" if standing == place else f"{standing} is no folder",
-                source=place,
-                key=option,
-                remedy="name another place",
-            )
-        target = place if option != "--out" and place.exists() else standing
-        if not os.access(target, os.W_OK):
-            raise InputError(
-                f"{target} is not writable", source=place, key=option, remedy="name another place"
-            )

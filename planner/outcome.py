@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -71,7 +72,7 @@ class Failure:
             "status": self.status,
             "reason": self.reason,
             "remedy": self.remedy,
-            "evidence": self.evidence,
+            "evidence": {name: _plain(value) for name, value in self.evidence.items()},
             "scenario": self.scenario.resolved() if self.scenario else None,
         }
         path = folder / "plan.json"
@@ -85,6 +86,12 @@ class Failure:
             NotSolvedError: Always, with status, reason and remedy.
         """
         raise NotSolvedError(f"{self.status}: {self.reason}; {self.remedy}")
+
+
+def _plain(value: Any) -> Any:
+    """Returns a value that JSON can hold: NumPy's numbers as Python's, infinity and NaN as text."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def failure(status: str, reason: str, scenario: Scenario | None = None, **evidence: Any) -> Failure:

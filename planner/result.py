@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -33,6 +35,10 @@ ARRAYS = (
     "internal_force",
     "adjoint",
 )
+
+
+# what reading a spoilt archive raises
+_DAMAGED = (OSError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +173,7 @@ class Plan:
                 remarks=tuple(content["remarks"]),
                 **arrays,
             )
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (*_DAMAGED, KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"the plan is damaged: {error}", source=folder, remedy="plan it again"
             ) from None

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from planner.solution import Refinement
 
 PIPE_WIDTH = 10_000  # in a file a line stays a line
+ALL_LINES = 40  # so many lines of progress are all printed
 # check: how it is called, its unit
 ACCURACY = {
     "pontryagin_residual": ("Pontryagin residual", "relative"),
@@ -74,7 +75,10 @@ def screen(*, quiet: bool = False, errors: bool = False) -> Screen:
 
 
 class Progress:
-    """Prints what is being planned, then a line per mesh refinement, as they come."""
+    """Prints what is being planned, then a line per mesh refinement, as they come.
+
+    A solve that takes very many of them, or starts again and again, gets every tenth line.
+    """
 
     def __init__(self, terminal: Console, scenario: Scenario) -> None:
         self.terminal = terminal
@@ -88,9 +92,10 @@ class Progress:
             self.terminal.print(_heading(self.scenario))
             self.terminal.print(header, style="dim")
         self.count += 1
-        self.terminal.print(
-            f"{step.nodes:8d}{step.residual:12.1e}{step.cost:16.8g}{step.seconds:8.2f} s"
-        )
+        if self.count > ALL_LINES and self.count % 10:
+            return
+        cost = f"{step.cost:.8g}" if np.isfinite(step.cost) else "-"
+        self.terminal.print(f"{step.nodes:8d}{step.residual:12.1e}{cost:>16}{step.seconds:8.2f} s")
 
 
 def _heading(scenario: Scenario) -> Text:

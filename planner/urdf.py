@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from planner.errors import ModelError
+from planner.urdf_joints import check_joints
 
 MAX_BYTES = 64 * 2**20
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
@@ -108,6 +109,7 @@ def read_urdf(path: Path) -> Urdf:
     """
     root = _parse(path)
     _refuse_nonsense(root, path)
+    check_joints(root, path)
     doubts: list[str] = []
     links = root.findall("link")
     for link in links:

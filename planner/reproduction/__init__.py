@@ -10,8 +10,12 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["Progress", "reproduce"]
+if TYPE_CHECKING:
+    from planner.reproduction.findings import Finding
+
+__all__ = ["Progress", "reproduce", "reproduce_findings"]
 
 # what is being done, how many steps are done, how many there are
 Progress = Callable[[str, int, int], None]
@@ -37,10 +41,16 @@ def reproduce(
         NotSolvedError: One of the motions could not be planned.
         OSError: The folder cannot be written.
     """
-    from planner.reproduction import mechanics, numerics, simulations
+    return reproduce_findings(folder, progress=progress, scenario=scenario)[0]
+
+
+def reproduce_findings(
+    folder: Path | str, *, progress: Progress | None = None, scenario: Path | None = None
+) -> tuple[Path, list[Finding]]:
+    """Does what [reproduce][planner.reproduction.reproduce] does; returns the findings, too."""
+    from planner.reproduction import mechanics, numerics, shooting_study, simulations
     from planner.reproduction.cases import FIGURES, Workbench, paper_scenario
     from planner.reproduction.figures import draw_forces, draw_paths, write_figure
-    from planner.reproduction.findings import Finding
     from planner.reproduction.measures import write_curve
     from planner.reproduction.references import reference_table
     from planner.reproduction.report import write_report
@@ -68,6 +78,7 @@ def reproduce(
             ("equations", mechanics.count_findings),
             ("fixed meshes", numerics.mesh_findings),
             ("robustness", numerics.robustness_findings),
+            ("shooting", shooting_study.shooting_findings),
             ("masses", simulations.mass_findings),
             ("preloads", simulations.preload_findings),
             ("criteria", simulations.criterion_findings),
@@ -94,4 +105,4 @@ def reproduce(
         )
         if progress is not None:
             progress("done", total, total)
-    return report
+    return report, findings

@@ -37,13 +37,13 @@ class Case:
         name: Short, fit for a file.
         label: Its name in legends and tables.
         values: What is set over the paper's scenario.
-        massless: Whether the links have no mass.
+        links: Factor on masses and moments of inertia of the links.
     """
 
     name: str
     label: str
     values: Values = field(default_factory=dict)
-    massless: bool = False
+    links: float = 1.0
 
 
 def preloaded(x: float, y: float) -> Values:
@@ -57,7 +57,7 @@ MASSES = tuple(
 HEAVY = tuple(
     Case(f"mass-{mass}kg", f"{mass} kg", {"object.mass": float(mass)}) for mass in (100, 1000)
 )
-LIMIT = Case("massless-links", "massless links", MASSLESS, massless=True)
+LIMIT = Case("massless-links", "massless links", MASSLESS, links=0.0)
 PRELOADS = (
     Case("preload-0-0-free", "(0, 0) N, free", preloaded(0.0, 0.0)),
     Case("preload-10-10-free", "(10, 10) N, free", preloaded(10.0, 10.0)),
@@ -106,7 +106,7 @@ class Workbench:
 
     Attributes:
         scenario: The paper's scenario.
-        folder: Where the URDFs of massless links may be written.
+        folder: Where URDFs of lighter or heavier links may be written.
     """
 
     def __init__(self, scenario: Scenario, folder: Path) -> None:
@@ -119,15 +119,19 @@ class Workbench:
         """All plans made so far."""
         return tuple(self._plans.values())
 
-    def plan(self, values: Values | None = None, *, massless: bool = False) -> Plan:
+    def plan(self, values: Values | None = None, *, links: float = 1.0) -> Plan:
         """Returns the plan with values set over the paper's scenario, solved to `TOLERANCE`.
+
+        Args:
+            values: The values.
+            links: Factor on masses and moments of inertia of the links.
 
         Raises:
             NotSolvedError: There is no plan.
         """
         scenario = self.scenario.override({"solver.tolerance": TOLERANCE, **(values or {})})
-        if massless:
-            scenario = scenario.override(self._massless_arms())
+        if links != 1.0:
+            scenario = scenario.override(self.scaled_links(links))
         key = scenario.model_dump_json()
         if key not in self._plans:
             self._plans[key] = plan(scenario).unwrap()
@@ -135,16 +139,19 @@ class Workbench:
 
     def case(self, case: Case) -> Plan:
         """Returns the plan of a case."""
-        return self.plan(case.values, massless=case.massless)
+        return self.plan(case.values, links=case.links)
 
-    def _massless_arms(self) -> Values:
-        """Returns the arms' URDFs with every mass and every moment of inertia set to zero."""
+    def scaled_links(self, factor: float) -> Values:
+        """Writes the arms' URDFs with every mass and moment of inertia scaled, and names them."""
+
+        def scaled(found: re.Match[str]) -> str:
+            return f'{found[1]}="{float(found[2]) * factor!r}"'
+
         values = {}
         for side in ("left", "right"):
             source = Path(self.scenario.locate(getattr(self.scenario, side).urdf))
-            text = re.sub(r'<mass value="[^"]*"', '<mass value="0"', source.read_text())
-            text = re.sub(r'\b(i[xyz][xyz])="[^"]*"', r'\1="0"', text)
-            target = self.folder / f"massless_{source.name}"
+            text = re.sub(r'(<mass value|\bi[xyz][xyz])="([^"]*)"', scaled, source.read_text())
+            target = self.folder / f"links_times_{factor:g}_{source.name}"
             target.write_text(text)
             values[f"{side}.urdf"] = str(target)
         return values

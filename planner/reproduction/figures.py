@@ -159,6 +159,6 @@ def write_figure(figure: Figure, stem: Path) -> list[Path]:
         # no date: the same plans give the same file
         metadata = {"Date": None} if suffix == ".svg" else None
         with matplotlib.rc_context(STYLE):
-            figure.savefig(file, format=suffix[1:], dpi=300, metadata=metadata)
+            figure.savefig(file, format=suffix[1:], dpi=250, metadata=metadata)
         files.append(file)
     return files

@@ -38,6 +38,19 @@ class Table:
         lines = [self.header, (":--", *("--:" for _ in self.header[1:])), *self.rows]
         return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
+    def plain(self, indent: int = 0) -> str:
+        """Returns the table as aligned text."""
+        lines = (self.header, *self.rows)
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return "\n".join(
+            " " * indent
+            + line[0].ljust(widths[0])
+            + "".join(
+                f"  {cell:>{width}}" for cell, width in zip(line[1:], widths[1:], strict=True)
+            )
+            for line in lines
+        )
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -49,6 +62,7 @@ class Finding:
         verdict: How it fares.
         evidence: A sentence or two with the numbers that decide.
         tables: More numbers.
+        on_screen: Whether the command line shows evidence and tables, too.
     """
 
     section: str
@@ -56,6 +70,7 @@ class Finding:
     verdict: Verdict
     evidence: str
     tables: tuple[Table, ...] = ()
+    on_screen: bool = False
 
 
 def descending(values: list[float]) -> bool:

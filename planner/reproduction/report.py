@@ -47,7 +47,6 @@ def write_report(
     bench: Workbench,
     findings: Sequence[Finding],
     references: tuple[bool, Table],
-    studies: Sequence[str] = (),
     *,
     seconds: float,
 ) -> Path:
@@ -58,7 +57,6 @@ def write_report(
         bench: All plans.
         findings: What became of the statements.
         references: Whether the reference values are met, and the comparison.
-        studies: Further sections, in Markdown.
         seconds: Time that everything took [s].
 
     Returns:
@@ -70,7 +68,6 @@ def write_report(
         _figures(),
         "## Statements\n",
         *(_detail(number, finding) for number, finding in enumerate(findings, start=1)),
-        *studies,
         _references(*references),
         _basis(bench, seconds),
     ]
@@ -121,7 +118,9 @@ def _detail(number: int, finding: Finding) -> str:
 
 def _references(met: bool, table: Table) -> str:
     verdict = (
-        "All are met to the digits given." if met else "**Not all are met to the digits given.**"
+        "All are met to one unit of their last digit."
+        if met
+        else "**Not all are met to one unit of their last digit.**"
     )
     return "\n".join(
         [

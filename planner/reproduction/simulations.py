@@ -56,7 +56,7 @@ def mass_findings(bench: Workbench) -> list[Finding]:
         (table,),
     )
     limit = bends[-1]
-    other = bench.plan({"object.mass": 50.0}, massless=True)
+    other = bench.plan({"object.mass": 50.0}, links=0.0)
     same = float(np.max(np.abs(other.q - plans[-1].q)))
     never = Finding(
         SECTION,

@@ -112,7 +112,7 @@ def _smoothing(
 
 
 def adapted_mesh(
-    scaled: Callable[[np.ndarray, int], np.ndarray], tolerance: float, *, margin: float = 0.25
+    scaled: Callable[[np.ndarray, int], np.ndarray], tolerance: float, *, margin: float = 0.12
 ) -> np.ndarray:
     """Returns a mesh on which cubic collocation keeps its residual below the tolerance.
 
@@ -169,7 +169,15 @@ def warm_start(
 ) -> tuple[Guess, States]:
     """Returns the guess for collocation on its adapted mesh, and the polynomials it samples."""
     states = spectral_states(problem, result)
-    mesh = adapted_mesh(lambda share, order: states(share, order) / problem.scale, tolerance)
+    criterion = problem.criterion
+    # what is differentiated often is known too roughly to tell where nodes are needed
+    told = criterion.at_tau if criterion.torque_is_state else criterion.at_n2
+    columns = np.r_[criterion.at_y, criterion.at_rate, told]
+
+    def scaled(share: np.ndarray, order: int) -> np.ndarray:
+        return (states(share, order) / problem.scale)[:, columns]
+
+    mesh = adapted_mesh(scaled, tolerance)
     return Guess(mesh, states(mesh), result.cost), states
 
 

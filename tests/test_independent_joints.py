@@ -1,0 +1,126 @@
+"""Independent joints: how they are chosen, and the map from them to closed postures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mechanisms import Mechanism, differences, random_states
+
+from planner.independent_joints import Coordinates, choose_joints
+
+
+def mirrored(human_arms: Mechanism) -> np.ndarray:
+    """The paper's arms with the object in the same place and both elbows on the other side."""
+    q = human_arms.posture.copy()
+    for shoulder, elbow in ((0, 1), (2, 3)):
+        # the hand's direction seen from the shoulder stays: turn the elbow over, the shoulder back
+        bend = np.arctan2(0.33 * np.sin(q[elbow]), 0.27 + 0.33 * np.cos(q[elbow]))
+        q[shoulder] += 2.0 * bend
+        q[elbow] *= -1.0
+    return q
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_dependent_joints_can_follow_along_the_whole_path(mechanism: Mechanism, seed: int) -> None:
+    chain = mechanism.chain
+    path = random_states(mechanism, 5, seed).q
+    joints = choose_joints(chain, path)
+    both = np.concatenate([joints.independent, joints.dependent])
+    np.testing.assert_array_equal(np.sort(both), np.arange(chain.n))
+    assert len(joints.dependent) == chain.m
+    gamma = chain.loop(chain.dynamics.placements(path)).jacobian()
+    smallest = np.linalg.svd(gamma[:, :, joints.dependent], compute_uv=False)[:, -1]
+    assert np.min(smallest) > 0.05
+
+
+def test_a_joint_that_loses_its_effect_on_the_way_is_not_dependent(human_arms: Mechanism) -> None:
+    """Where the left arm is stretched its two joints push the hand in one direction only."""
+    chain = human_arms.chain
+    start = np.array([np.pi / 3, 0.0, 1.2, 0.9])
+    stretched, _, closed = chain.close(start[None], np.array([2, 3]))
+    assert closed.all()
+    joints = choose_joints(chain, np.concatenate([human_arms.posture[None], stretched]))
+    assert set(joints.dependent) != {0, 1}
+    gamma = chain.loop(chain.dynamics.placements(stretched)).jacobian()[0]
+    assert np.linalg.cond(gamma[:, joints.dependent]) < 20.0
+    assert np.linalg.cond(gamma[:, [0, 1]]) > 1e9
+
+
+def test_freedoms_keep_the_hands_together(mechanism: Mechanism) -> None:
+    """S maps rates of the independent joints to those of all, and is the derivative of phi."""
+    chain, joints = mechanism.chain, mechanism.joints
+    q = random_states(mechanism, 3).q
+    at = mechanism.freedoms(q)
+    np.testing.assert_array_equal(
+        at.s[:, joints.independent], np.broadcast_to(np.eye(chain.p), (3, chain.p, chain.p))
+    )
+    assert np.max(np.abs(at.gamma @ at.s)) < 1e-12
+    moved = differences(lambda d: mechanism.shifted(q, d), chain.p, 2e-3)
+    np.testing.assert_allclose(at.s, moved, atol=1e-8)
+
+
+def test_closure_is_sought_near_the_last_known_motion(human_arms: Mechanism) -> None:
+    """The same independent joints close on either side of the other arm's elbow."""
+    chain = human_arms.chain
+    share = np.array([0.0, 1.0])
+    here = human_arms.posture
+    left, right = np.array([0, 1]), np.array([2, 3])
+    joints = type(human_arms.joints)(left, right)
+    there = np.concatenate([here[:2], mirrored(human_arms)[2:]])
+    assert np.max(np.abs(chain.gap(chain.dynamics.placements(there[None])))) < 1e-11
+    coordinates = Coordinates(chain, joints, share, np.stack([here, here]))
+    y = here[None, left] + np.array([[0.0, 0.0], [0.02, -0.03]])
+    q, _, closed = coordinates.close(share, y)
+    assert closed.all()
+    np.testing.assert_array_equal(q[:, left], y)
+    np.testing.assert_allclose(q[0], here, atol=1e-11)
+    assert np.all(q[:, 3] > 0.0)
+    coordinates.remember(share, np.stack([there, there]))
+    q, _, closed = coordinates.close(share, y)
+    assert closed.all()
+    np.testing.assert_allclose(q[0], there, atol=1e-11)
+    assert np.all(q[:, 3] < 0.0)
+    at, closed = coordinates.tangent(share, y)
+    assert closed.all()
+    np.testing.assert_allclose(at.q, q, atol=1e-11)
+
+
+def test_the_guess_is_interpolated_over_the_duration(pandas: Mechanism) -> None:
+    states = random_states(pandas, 2)
+    first, last = states.q
+    coordinates = Coordinates(
+        pandas.chain, pandas.joints, np.array([0.0, 1.0]), np.stack([first, last])
+    )
+    y = states.q[:, pandas.joints.independent]
+    halfway = y.mean(axis=0)
+    q, _, closed = coordinates.close(np.array([0.0, 0.5, 1.0]), np.stack([y[0], halfway, y[1]]))
+    assert closed.all()
+    np.testing.assert_allclose(q[[0, 2]], states.q, atol=1e-10)
+    dependent = pandas.joints.dependent
+    guess = 0.5 * (first + last)[dependent]
+    assert np.max(np.abs(q[1, dependent] - guess)) < 0.1
+
+
+def test_a_sample_out_of_reach_is_told(human_arms: Mechanism) -> None:
+    here = human_arms.posture
+    joints = type(human_arms.joints)(np.array([0, 1]), np.array([2, 3]))
+    share = np.array([0.0, 0.5, 1.0])
+    coordinates = Coordinates(human_arms.chain, joints, share, np.stack([here] * 3))
+    y = np.stack([here[:2], [np.pi, 0.0], here[:2]])
+    with np.errstate(all="ignore"):
+        _, closed = coordinates.tangent(share, y)
+    np.testing.assert_array_equal(closed, [True, False, True])
+
+
+@pytest.mark.parametrize("pair", ["revolute", "rigid"])
+def test_number_of_freedoms(
+    pair: str, three_jointed: Mechanism, three_jointed_rigid: Mechanism
+) -> None:
+    chain = (three_jointed if pair == "revolute" else three_jointed_rigid).chain
+    assert (chain.n, chain.m, chain.p, chain.r) == (
+        6,
+        *{"revolute": (2, 4), "rigid": (3, 3)}[pair],
+        2,
+    )
