@@ -102,7 +102,8 @@ def read_arm(scenario: Scenario, side: Side) -> Arm:
     reduced = pin.buildReducedModel(chosen.full, chosen.locked, chosen.reference)
     model = pin.appendModel(pin.Model(), reduced, 0, base_placement(scenario, side))
     model.name = side
-    tip = model.frames[model.getFrameId(section.tip)]
+    tip = _find_frame(model, section.tip)
+    assert tip is not None
     names = tuple(model.names[joint] for joint in range(1, model.njoints))
     without_limits = np.array([name in chosen.urdf.unlimited for name in names])
     velocity, effort = np.abs(model.upperVelocityLimit), np.abs(model.upperEffortLimit)
@@ -235,7 +236,8 @@ def _full_model(urdf: Urdf) -> pin.Model:
 
 
 def _tip_joint(full: pin.Model, tip: str, side: Side, urdf: Urdf) -> int:
-    if not full.existFrame(tip):
+    frame = _find_frame(full, tip)
+    if frame is None:
         raise ModelError(
             "no such frame",
             source=urdf.path,
@@ -243,7 +245,14 @@ def _tip_joint(full: pin.Model, tip: str, side: Side, urdf: Urdf) -> int:
             value=tip,
             remedy=f"choose among the links {_shorten(urdf.links)}",
         )
-    return int(full.frames[full.getFrameId(tip)].parentJoint)
+    return int(frame.parentJoint)
+
+
+def _find_frame(model: pin.Model, name: str) -> pin.Frame | None:
+    """Returns the frame of this name; where a joint has the name too, the link's."""
+    named = [frame for frame in model.frames if frame.name == name]
+    links = [frame for frame in named if frame.type == pin.FrameType.BODY]
+    return next(iter([*links, *named]), None)
 
 
 def _shorten(names: tuple[str, ...]) -> str:

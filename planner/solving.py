@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.criteria import make_criterion
 from planner.outcome import Failure, failure
@@ -55,9 +57,13 @@ def solve(
         return solve_by_continuation(scenario, transport, found, progress=progress)
 
 
-def make_problem(scenario: Scenario, transport: Transport) -> BoundaryValueProblem:
-    """Returns the scenario's boundary value problem."""
-    criterion = make_criterion(scenario, transport.chain, transport.reference)
+def make_problem(
+    scenario: Scenario, transport: Transport, *, speed_cost: float | None = None
+) -> BoundaryValueProblem:
+    """Returns the scenario's boundary value problem, perhaps with another cost on joint speeds."""
+    criterion = make_criterion(
+        scenario, transport.chain, transport.reference, speed_cost=speed_cost
+    )
     assert criterion is not None
     return BoundaryValueProblem(transport, criterion)
 
@@ -71,29 +77,90 @@ def solve_directly(
 ) -> Solution | Failure:
     """Returns the solution without continuation: spectral and confirmed, or from the line."""
     settings = scenario.solver
+    if settings.start == "line":
+        return _from_line(scenario, transport, progress)
     problem = make_problem(scenario, transport)
-    result = None
-    if settings.start != "line":
-        result = minimise(
-            transport, problem.criterion, problem.coordinates, start=start, progress=progress
-        )
-        if settings.method == "spectral":
-            return _spectral_outcome(scenario, problem, result)
-        if result is not None and result.converged:
-            found = _confirm(scenario, problem, result, progress)
-            if isinstance(found, Solution) or settings.start == "spectral":
-                return found
-    fresh = make_problem(scenario, transport)
-    found = solve_collocation(
-        fresh,
-        tolerance=settings.tolerance,
-        max_nodes=settings.max_nodes,
-        progress=progress,
-        scenario=scenario,
+    result = minimise(
+        transport, problem.criterion, problem.coordinates, start=start, progress=progress
     )
+    redundant = transport.chain.p > transport.chain.r
+    if redundant and scenario.criterion.speed_cost == "auto" and not _converged(result):
+        return _with_speed_cost(scenario, transport, problem, result, progress)
+    if settings.method == "spectral":
+        return _spectral_outcome(scenario, problem, result)
+    if not _converged(result) and (redundant or settings.start == "spectral"):
+        return _spectral_outcome(scenario, problem, result)
+    if result is not None and result.converged:
+        found = _confirm(scenario, problem, result, progress)
+        if isinstance(found, Solution) or redundant or settings.start == "spectral":
+            return found
+    found = _from_line(scenario, transport, progress)
     if isinstance(found, Solution) and result is not None:
         return _compare(scenario, found, result)
     return found
+
+
+def _converged(result: SpectralResult | None) -> bool:
+    return result is not None and result.converged
+
+
+def _from_line(
+    scenario: Scenario, transport: Transport, progress: ProgressCallback | None
+) -> Solution | Failure:
+    """Returns the boundary value solution that starts from the straight line."""
+    return solve_collocation(
+        make_problem(scenario, transport),
+        tolerance=scenario.solver.tolerance,
+        max_nodes=scenario.solver.max_nodes,
+        progress=progress,
+        scenario=scenario,
+    )
+
+
+def _with_speed_cost(
+    scenario: Scenario,
+    transport: Transport,
+    problem: BoundaryValueProblem,
+    result: SpectralResult | None,
+    progress: ProgressCallback | None,
+) -> Solution | Failure:
+    """Returns the solution with the least cost on joint speeds that determines the motion.
+
+    Without such a cost, light links of redundant arms may move at next to none: the optimum is
+    then no smooth motion. The cost starts at a hundredth of the guess's and grows tenfold.
+    """
+    guess = problem.straight_guess
+    path = np.gradient(transport.guess, guess.share * transport.duration, axis=0)
+    square = float(np.trapezoid((path**2).sum(axis=1), guess.share) * transport.duration)
+    unit = result.cost if result is not None else guess.cost
+    last = _spectral_outcome(scenario, problem, result)
+    for share in (0.01, 0.1, 1.0):
+        speed_cost = float(f"{2.0 * share * unit / max(square, 1e-9):.1e}")
+        problem = make_problem(scenario, transport, speed_cost=speed_cost)
+        start = None if result is None else result.curves
+        result = minimise(
+            transport, problem.criterion, problem.coordinates, start=start, progress=progress
+        )
+        if result is None or not result.converged:
+            continue
+        found: Solution | Failure
+        if scenario.solver.method == "spectral":
+            found = spectral_solution(problem, result)
+        else:
+            found = _confirm(scenario, problem, result, progress)
+        if isinstance(found, Solution):
+            remark = (
+                f"joint speeds cost {speed_cost:g} |v|^2/2 in this plan: without such a cost the "
+                "redundant joints' motion is not determined well enough (set criterion.speed_cost "
+                "to choose)"
+            )
+            return replace(
+                found,
+                remarks=(*found.remarks, remark),
+                evidence=found.evidence | {"speed_cost": speed_cost},
+            )
+        last = found
+    return last
 
 
 def _spectral_outcome(

@@ -21,11 +21,10 @@ __all__ = ["Criterion", "Mixed", "Torque", "TorqueChange", "joint_weights", "mak
 
 
 def joint_weights(scenario: Scenario, chain: ClosedChain) -> np.ndarray:
-    """Returns one weight per joint: one, or the inverse square of the effort limit over the mean.
+    """Returns one weight per joint, (N,): one, the inverse of its effort limit, or as given.
 
-    Effort weights compare each torque with what its joint can give; their geometric mean is one,
-    so that costs stay of the same order. They are the default for redundant arms, whose
-    light wrists would otherwise be moved at no cost.
+    Effort weights spare the joints that can give little. They are the default for redundant arms,
+    whose light wrists would otherwise bear what the shoulders could.
 
     Raises:
         ScenarioError: The numbers given do not fit the joints, or a joint has no effort limit.
@@ -67,7 +66,11 @@ def joint_weights(scenario: Scenario, chain: ClosedChain) -> np.ndarray:
 
 
 def make_criterion(
-    scenario: Scenario, chain: ClosedChain, reference: np.ndarray
+    scenario: Scenario,
+    chain: ClosedChain,
+    reference: np.ndarray,
+    *,
+    speed_cost: float | None = None,
 ) -> Criterion | None:
     """Returns the criterion to be minimised; None for jerk, whose motion is known beforehand.
 
@@ -75,6 +78,7 @@ def make_criterion(
         scenario: The scenario.
         chain: Its closed chain.
         reference: Posture that a posture cost refers to, (N,) [rad].
+        speed_cost: Weight of the squared joint speeds in place of the scenario's.
 
     Raises:
         ScenarioError: The weights do not fit the joints.
@@ -84,6 +88,8 @@ def make_criterion(
         return None
     weights = joint_weights(scenario, chain)
     speed = 0.0 if given.speed_cost == "auto" else float(given.speed_cost)
+    if speed_cost is not None:
+        speed = speed_cost
     state_cost = None
     if speed > 0.0 or given.posture_cost > 0.0:
         state_cost = StateCost(speed, given.posture_cost, reference)

@@ -41,15 +41,12 @@ class Table:
     def plain(self, indent: int = 0) -> str:
         """Returns the table as aligned text."""
         lines = (self.header, *self.rows)
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        return "\n".join(
-            " " * indent
-            + line[0].ljust(widths[0])
-            + "".join(
-                f"  {cell:>{width}}" for cell, width in zip(line[1:], widths[1:], strict=True)
-            )
-            for line in lines
-        )
+        first, *others = (max(map(len, column)) for column in zip(*lines, strict=True))
+        rows = []
+        for name, *cells in lines:
+            numbers = [f"  {cell:>{width}}" for cell, width in zip(cells, others, strict=True)]
+            rows.append(" " * indent + name.ljust(first) + "".join(numbers))
+        return "\n".join(rows)
 
 
 @dataclass(frozen=True)

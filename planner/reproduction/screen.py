@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def show_reproduction(folder: Path | str, console: Console | None = None) -> Path:
@@ -26,15 +29,18 @@ def show_reproduction(folder: Path | str, console: Console | None = None) -> Pat
     from planner.reproduction import reproduce_findings
     from planner.reproduction.findings import Verdict
     from planner.reproduction.report import tally
+    from planner.terminal import screen
 
-    console = console or Console(markup=False, highlight=False)
+    console = console or screen()
     columns = (
         TextColumn("{task.description:<18}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task("", total=None)
 
         def advance(label: str, done: int, total: int) -> None:

@@ -62,7 +62,7 @@ class Study:
         """Returns the rows as text."""
         return Table(
             (
-                f"{self.name}: costates × (1 + s·normal), s",
+                f"{self.name}: s",
                 "find the plan",
                 "another solution",
                 "lost at once",
@@ -134,9 +134,9 @@ def shooting_findings(bench: Workbench) -> list[Finding]:
             "Shooting is very sensitive to the guessed costates and fails unless they are close "
             "enough to the right ones.",
             verdict,
-            " ".join(_sentence(study) for study in studies)
-            + f" {TRIALS} random starts for each size; a start is lost where the arms cannot "
-            "follow or the equations blow up.",
+            f"The right costates at the start, each multiplied by 1 + s times a normal random "
+            f"number, {TRIALS} starts for each s. A start is lost at once where the arms cannot "
+            "follow or the equations blow up. " + " ".join(_sentence(study) for study in studies),
             tuple(study.table() for study in studies),
             on_screen=True,
         )
@@ -145,7 +145,7 @@ def shooting_findings(bench: Workbench) -> list[Finding]:
 
 def _sentence(study: Study) -> str:
     hopeless = study.hopeless()
-    never = f"from {hopeless:g} on none does" if hopeless < math.inf else "some always do"
+    never = f"from s = {hopeless:g} on none does" if hopeless < math.inf else "some always do"
     zero = (
         "they do not converge"
         if study.zero is None
@@ -153,9 +153,9 @@ def _sentence(study: Study) -> str:
         "that the first flight is calm"
     )
     return (
-        f"For {study.name} every start converges whose costates are off by a random "
-        f"{study.safe():g} of their size or less; {never}. From costates all zero {zero}. An "
-        f"error of the costates grows {study.growth:.0f}-fold on the way (scaled variables). From "
-        "the costates that collocation finds, the planner's own shooting, with its tight "
+        f"For {study.name} all find the plan up to s = {study.safe():g}; {never}. "
+        f"From costates all zero {zero}. An error of the costates grows "
+        f"{study.growth:.0f}-fold on the way (scaled variables). From the costates that "
+        "collocation finds, the planner's own shooting, with its tight "
         f"tolerance, comes to the goal within {study.missed:.1e}."
     )

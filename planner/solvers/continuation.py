@@ -62,13 +62,14 @@ class Family:
         return scenario.override(values)
 
 
-def families(scenario: Scenario, mass: float) -> Iterator[Family]:
+def families(scenario: Scenario, transport: Transport) -> Iterator[Family]:
     """Yields the families that lead to a scenario.
 
     Args:
         scenario: What is asked.
-        mass: Mass of its object [kg].
+        transport: Its motion.
     """
+    mass = transport.chain.body.mass
     preloads: dict[str, tuple[object, object]] = {}
     for end in ("start", "goal"):
         given = getattr(scenario.boundary, end)
@@ -84,6 +85,8 @@ def families(scenario: Scenario, mass: float) -> Iterator[Family]:
     if not 0.5 < duration / _EASY_DURATION < 2.0:
         yield Family("duration", {"task.duration": (_EASY_DURATION, duration)}, geometric=True)
     goal, start = scenario.task.goal.xyz, scenario.task.start.xyz
+    if transport.chain.p > transport.chain.r:
+        return
     near = [0.9 * s + 0.1 * g for s, g in zip(start, goal, strict=True)]
     if near != list(goal) and scenario.task.goal.rpy is None:
         yield Family("distance", {"task.goal.xyz": (near, list(goal))}, geometric=False)
@@ -106,7 +109,7 @@ def solve_by_continuation(
     """
     began = time.perf_counter()
     tried = []
-    for family in families(scenario, transport.chain.body.mass):
+    for family in families(scenario, transport):
         tried.append(family.name)
         found = _follow(scenario, family, progress)
         if found is None:

@@ -30,7 +30,7 @@ from planner.transport import Transport
 FIRST_DEGREE = 20
 DEGREE_STEP = 6
 LAST_DEGREE = 60
-_MAX_STEPS = 80
+_MAX_STEPS = 50
 _FIRST_RADIUS = 8.0  # rad per duration, root mean square of all joint speeds together
 _LEAST_RADIUS = 1e-9
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
@@ -222,7 +222,7 @@ def _descend(
         if relative < _ROUND_OFF:
             return point, relative, step + 1, "converged"
         if ratio > 0.7 and limited:
-            radius *= 2.5
+            radius *= 4.0
         elif ratio < 0.25:
             radius = 0.4 * min(length, radius)
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
