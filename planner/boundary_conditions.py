@@ -7,7 +7,7 @@ to transversality: on the set of states that an end allows, the costates have no
     velocity              dy/dt = given
     torque given          tau = tau0                    torque free   n3 = 0
     static, preload       tau = tau_e(y)                and  k = -(d tau_e/dy)' n3
-    rest                  a(y, dy/dt, tau) = 0,  Gamma n3 = 0   and  k = (d a/dy)' kappa,  n3 = B' kappa
+    rest                  a = 0,  Gamma n3 = 0      and  k = (d a/dy)' kappa,  n3 = B' kappa
 
 N spans the motions that leave the prescribed object coordinates x alone. `rest` leaves the
 internal wrench free, along which tau = tau0 - Gamma' lambda: hence Gamma n3 = 0.
@@ -60,7 +60,7 @@ class EndConditions:
         return self.end.held and (not self.criterion.torque_is_state or rule != "rest")
 
     @cached_property
-    def _held(self) -> Tangent:
+    def at_posture(self) -> Tangent:
         """Freedoms at the end's posture."""
         chain = self.transport.chain
         q = self.end.posture[None]
@@ -71,10 +71,10 @@ class EndConditions:
         """Prescribed dy/dt: the object's velocity with the least joint rates, (p,) [rad/s]."""
         if not np.any(self.end.velocity):
             return np.zeros(self.criterion.p)
-        at = self._held
+        at = self.at_posture
         velocity = np.zeros(6)
         velocity[:3] = self.end.velocity
-        rows = self._task_rows
+        rows = self.task_rows
         jacobian = rows @ self.transport.chain.object_jacobian(at.at)[0] @ at.s[0]
         # least norm among all joints, not only the independent ones
         root = np.linalg.cholesky(at.s[0].T @ at.s[0]).T
@@ -83,14 +83,17 @@ class EndConditions:
         return rate
 
     @cached_property
-    def _task_rows(self) -> np.ndarray:
+    def task_rows(self) -> np.ndarray:
+        """Rows of the object's twist that the end prescribes, (r, 6)."""
         return self.transport.chain.task_rows(self.end.pose.rotation is not None)
 
     @cached_property
-    def _null_guess(self) -> np.ndarray:
+    def null_guess(self) -> np.ndarray:
         """Motions that leave the object at the guessed posture, (p, p - r)."""
-        jacobian = self.transport.chain.object_jacobian(self._held.at)[0] @ self._held.s[0]
-        null: np.ndarray = scipy.linalg.null_space(self._task_rows @ jacobian)
+        jacobian = (
+            self.transport.chain.object_jacobian(self.at_posture.at)[0] @ self.at_posture.s[0]
+        )
+        null: np.ndarray = scipy.linalg.null_space(self.task_rows @ jacobian)
         return null
 
     def prescribed_torque(self, at: Tangent) -> np.ndarray | None:
@@ -128,7 +131,7 @@ class EndConditions:
         if self.linear:
             parts = [y - end.posture[self.transport.joints.independent], speed]
             if criterion.torque_is_state:
-                prescribed = self.prescribed_torque(self._held)
+                prescribed = self.prescribed_torque(self.at_posture)
                 free = x[:, criterion.at_n3] / criterion.rate_weights
                 parts.append(free if prescribed is None else x[:, criterion.at_tau] - prescribed)
             return np.concatenate(parts, axis=1)
@@ -145,11 +148,11 @@ class EndConditions:
         if end.held:
             held: np.ndarray = x[:, criterion.at_y] - end.posture[self.transport.joints.independent]
             return held
-        rows = self._task_rows
+        rows = self.task_rows
         error = pose_error(chain, at.at, end.pose.position, end.pose.rotation)
         task = error @ rows[:, : error.shape[1]].T
         jacobian = rows @ chain.object_jacobian(at.at) @ at.s
-        guess = self._null_guess
+        guess = self.null_guess
         null = guess - np.linalg.pinv(jacobian) @ (jacobian @ guess)
         free = matvec(transpose(null), x[:, criterion.at_n1] - correction)
         return np.concatenate([task, free], axis=1)
@@ -167,7 +170,7 @@ class EndConditions:
             joints = self.transport.joints
             linear = linearize(joints, at.motion, at.derivatives)
             kappa = np.linalg.solve(at.motion.reduced, n3[:, joints.independent, None])
-            internal = matvec(at.tangent.gamma, n3 / 1.0)
+            internal = matvec(at.tangent.gamma, n3)
             rows = [at.motion.a[:, joints.independent], internal]
             return np.concatenate(rows, axis=1), matvec(transpose(linear.along_y), kappa[..., 0])
         prescribed = self.prescribed_torque(at.tangent)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from planner.boundary_conditions import EndConditions
@@ -49,7 +50,7 @@ class BoundaryValueProblem:
         goal: Conditions at the goal.
         scale: Units of states and costates, (2 * state_size,).
         lost: Share of the duration at which closure was lost last, None if it was not.
-        newton_steps: Newton iterations on whole meshes since it was last set to zero.
+        boundary_calls: How often the boundary conditions were evaluated, for counting steps.
     """
 
     def __init__(self, transport: Transport, criterion: Criterion) -> None:
@@ -62,7 +63,7 @@ class BoundaryValueProblem:
         self.start = EndConditions(*parts, transport.start)
         self.goal = EndConditions(*parts, transport.goal)
         self.lost: float | None = None
-        self.newton_steps = 0
+        self.boundary_calls = 0
         self._mesh: tuple[np.ndarray, np.ndarray] | None = None
         self.scale = self._scale(self.straight_guess)
         self._known: list[tuple[np.ndarray, np.ndarray, Evaluation]] = []
@@ -119,7 +120,7 @@ class BoundaryValueProblem:
 
     def _end_torque(self, end: EndConditions, torque: np.ndarray) -> np.ndarray:
         """Returns the end's prescribed torques at its guessed posture, else `torque`, (1, N)."""
-        prescribed = end.prescribed_torque(end._held)
+        prescribed = end.prescribed_torque(end.at_posture)
         return torque[None] if prescribed is None else np.asarray(prescribed)
 
     # ---- the problem as solve_bvp takes it: samples last -----------------------------------------
@@ -150,6 +151,8 @@ class BoundaryValueProblem:
         """Returns dz/ds, (., K); NaN where the chain cannot be closed."""
         x = self.physical(z)
         at = self.evaluate(share, x)
+        if share[0] == 0.0 and share[-1] == 1.0 and len(share) > 1:
+            self._mesh = share, x
         with np.errstate(all="ignore"):
             slope = self.criterion.right_side(at, x, self.transport.joints.independent)
         slope[~at.closed] = np.nan
@@ -159,9 +162,6 @@ class BoundaryValueProblem:
         """Returns d(dz/ds)/dz, (., ., K)."""
         x = self.physical(z)
         at = self.evaluate(share, x)
-        if share[0] == 0.0 and share[-1] == 1.0:
-            self.newton_steps += 1
-            self._mesh = share, x
         with np.errstate(all="ignore"):
             slope = self.criterion.jacobian(self.coordinates, at, x, 1.0 / self.transport.duration)
         slope *= self.transport.duration * self.scale[None, None, :] / self.scale[None, :, None]
@@ -169,6 +169,7 @@ class BoundaryValueProblem:
 
     def boundary(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Returns the residual of all boundary conditions, (2 * state_size,)."""
+        self.boundary_calls += 1
         parts = [
             self._scaled_residual(end, z[None])[0]
             for end, z in ((self.start, start), (self.goal, goal))
@@ -186,7 +187,7 @@ class BoundaryValueProblem:
         scale = np.ones(criterion.state_size)
         cost = self.scale[criterion.state_size]
         if not end.end.held:
-            free = criterion.p - len(end._task_rows)
+            free = criterion.p - len(end.task_rows)
             scale[criterion.p - free : criterion.p] = 1.0 / cost
         scale[criterion.at_rate] = self.transport.duration
         if criterion.torque_is_state:
@@ -226,10 +227,10 @@ class BoundaryValueProblem:
         self._known = []
 
     def cost_so_far(self) -> float:
-        """Returns the cost on the last mesh that Newton's method used, by the trapezoidal rule."""
+        """Returns the cost on the last mesh that Newton's method used, by Simpson's rule."""
         if self._mesh is None:
             return self.straight_guess.cost
         share, x = self._mesh
         with np.errstate(all="ignore"):
             running = self.criterion.running_cost(self.evaluate(share, x), x)
-        return float(np.trapezoid(running, share) * self.transport.duration)
+        return float(simpson(running, x=share) * self.transport.duration)

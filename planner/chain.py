@@ -165,6 +165,19 @@ class ClosedChain:
         blocked[..., 3:] = self.pair.blocked[:, 3:] @ transpose(frame)
         return Loop(linear[:, order], angular[:, order], blocked, order)
 
+    def closure_columns(self, at: Placements, joints: np.ndarray) -> np.ndarray:
+        """Returns some columns of the closure's Jacobian, (K, m, len(joints))."""
+        point, _ = self.right_tip(at)
+        frame = transpose(self.grasp_pose(at)[1])
+        columns = at.columns[:, :, joints]
+        sign = np.where(joints < self.left.n, -1.0, 1.0)
+        linear, angular = columns[:, :3] * sign, columns[:, 3:] * sign
+        moving = linear + transpose(cross(transpose(angular), point[:, None, :]))
+        result: np.ndarray = self.pair.blocked[:, :3] @ (frame @ moving)
+        if self.pair.rotation != "free":
+            result = result + self.pair.blocked[:, 3:] @ (frame @ angular)
+        return result
+
     def object_jacobian(self, at: Placements) -> np.ndarray:
         """Returns the object's twist (linear at its origin; angular) per joint rate, (K, 6, N)."""
         position, _ = self.object_pose(at)
@@ -215,8 +228,7 @@ class ClosedChain:
             if not len(open_):
                 break
             part = _take(at, open_)
-            jacobian = self.loop(part).jacobian()[:, :, dependent]
-            step = -_solve(jacobian, error[open_])
+            step = -_solve(self.closure_columns(part, dependent), error[open_])
             largest = np.max(np.abs(step), axis=1)
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
             # near round-off a step no longer helps: accept what stands below a looser bound

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -181,6 +180,7 @@ def check(scenario: ScenarioFile, settings: Settings = None) -> None:
         raise typer.Exit(BAD_INPUT)
 
 
+@app.command()
 def reproduce(
     out: Annotated[
         Path,
@@ -192,12 +192,8 @@ def reproduce(
     """Computes the paper's figures and statements again and reports on each."""
     refuse_places(out, None, None)
 
-    import_module("planner.reproduction").reproduce(out)
-
-
-_found = find_spec("planner.reproduction")
-if _found is not None and _found.origin is not None:
-    app.command()(reproduce)
+    with writing(out):
+        import_module("planner.reproduction.screen").show_reproduction(out)
 
 
 def main() -> None:
@@ -209,7 +205,7 @@ def main() -> None:
         app()
     except PlannerError as error:
         _print_error(error)
-        sys.exit(BAD_INPUT)
+        sys.exit(BAD_INPUT if isinstance(error, InputError) else NOT_SOLVED)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
 

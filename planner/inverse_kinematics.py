@@ -63,7 +63,7 @@ def _system(
     offset = chain.offset(at)
     loop, task = chain.loop(at), chain.object_jacobian(at)
     task_error = pose_error(chain, at, position, rotation)
-    if chain.planar:
+    if chain.normal is not None:
         normal = chain.grasp_pose(at)[1]
         across = matvec(transpose(normal), np.broadcast_to(chain.normal, (len(q), 3)))
         lift = (offset[:, :3] * across).sum(-1, keepdims=True)

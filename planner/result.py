@@ -1,4 +1,4 @@
-"""The plan: motion, torques and hand forces over time, its cost and its checks, on disk and back."""
+"""The plan: motion, torques and hand forces over time, its cost and checks, on disk and back."""
 
 from __future__ import annotations
 

@@ -22,12 +22,14 @@ class Refinement:
         residual: Largest relative residual of the equations.
         cost: Cost of the motion so far.
         seconds: Time since the solve began [s].
+        stage: Which method or attempt reports, e.g. "spectral".
     """
 
     nodes: int
     residual: float
     cost: float
     seconds: float
+    stage: str = ""
 
 
 ProgressCallback = Callable[[Refinement], None]

@@ -88,14 +88,17 @@ class Progress:
     def __call__(self, step: Refinement) -> None:
         """Prints one line."""
         if not self.count:
-            header = f"{'nodes':>8}{'residual':>12}{'cost':>16}{'time':>10}"
+            header = f"{'nodes':>8}{'residual':>12}{'cost':>16}{'time':>10}  stage"
             self.terminal.print(_heading(self.scenario))
             self.terminal.print(header, style="dim")
         self.count += 1
         if self.count > ALL_LINES and self.count % 10:
             return
         cost = f"{step.cost:.8g}" if np.isfinite(step.cost) else "-"
-        self.terminal.print(f"{step.nodes:8d}{step.residual:12.1e}{cost:>16}{step.seconds:8.2f} s")
+        self.terminal.print(
+            f"{step.nodes:8d}{step.residual:12.1e}{cost:>16}{step.seconds:8.2f} s"
+            f"  {step.stage}".rstrip()
+        )
 
 
 def _heading(scenario: Scenario) -> Text:

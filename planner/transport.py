@@ -9,17 +9,17 @@ import numpy as np
 import pinocchio as pin
 
 from planner.chain import ClosedChain
+from planner.constrained_dynamics import Joints
 from planner.errors import ScenarioError
 from planner.holding import Preload, refuse_untransmitted
 from planner.independent_joints import choose_joints
-from planner.constrained_dynamics import Joints
 from planner.inverse_kinematics import ObjectPose, find_posture, follow_poses
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
 
 TorqueRule = Literal["given", "free", "static", "rest", "preload"]
-SAMPLES = 33
+SAMPLES = 25
 
 
 @dataclass(frozen=True, eq=False)

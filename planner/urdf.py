@@ -17,6 +17,10 @@ from planner.urdf_joints import check_joints
 
 MAX_BYTES = 64 * 2**20
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
+# moments of inertia that matter to no motion [kg m^2]: negative ones down to the first come from
+# drawing programs (antennas, screws), any down to the second are round-off
+_NEGLIGIBLE = 1e-6
+_ROUND_OFF = 1e-15
 
 
 @dataclass(frozen=True)
@@ -265,7 +269,7 @@ def _check_inertial(link: ElementTree.Element, path: Path) -> list[str]:
     )
     inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     moments = np.linalg.eigvalsh(inertia)
-    if moments[0] < -1e-9 * max(1.0, moments[2]):
+    if moments[0] < -_NEGLIGIBLE:
         raise ModelError(
             "inertia is not positive",
             source=path,
@@ -274,13 +278,15 @@ def _check_inertial(link: ElementTree.Element, path: Path) -> list[str]:
             remedy="its principal moments must be zero or more, kg m^2",
         )
     doubts = []
-    if moments[0] + moments[1] < moments[2] * (1.0 - 1e-6):
+    if moments[0] < -_ROUND_OFF:
+        doubts.append(f"link {name}: a principal moment is negative, {moments[0]:.4g} kg m^2")
+    elif moments[0] + moments[1] < moments[2] * (1.0 - 1e-6) - _ROUND_OFF:
         doubts.append(
             f"link {name}: principal moments {moments[0]:.4g}, {moments[1]:.4g}, {moments[2]:.4g} "
             "kg m^2 break the triangle inequality: no rigid body has them"
         )
-    if mass > 0.0 and moments[2] == 0.0:
+    if mass > 0.0 and moments[2] <= _ROUND_OFF:
         doubts.append(f"link {name}: {mass:g} kg but zero inertia (fine for a point mass)")
-    if mass == 0.0 and moments[2] > 0.0:
+    if mass == 0.0 and moments[2] > _ROUND_OFF:
         doubts.append(f"link {name}: inertia but no mass")
     return doubts

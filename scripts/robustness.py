@@ -46,9 +46,7 @@ def draw_point(
     """Returns a point in front of both arms that both reach with the margin, (2,) [m]."""
     reach = lengths.sum(axis=1).max()
     while True:
-        point = generator.uniform(
-            [bases[0, 0] - reach, 0.05], [bases[1, 0] + reach, reach]
-        )
+        point = generator.uniform([bases[0, 0] - reach, 0.05], [bases[1, 0] + reach, reach])
         margins = [elbows(lengths[i], bases[i], point) for i in range(2)]
         if min(margins) > MARGIN:
             return point

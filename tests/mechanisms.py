@@ -230,6 +230,17 @@ def random_states(mechanism: Mechanism, count: int = 4, seed: int = 0) -> States
     )
 
 
+def mirrored(q: np.ndarray) -> np.ndarray:
+    """The paper's arms with their hands where q has them and both elbows on the other side."""
+    q = q.copy()
+    for shoulder, elbow in ((0, 1), (2, 3)):
+        # the hand's direction seen from the shoulder stays: turn the elbow over, the shoulder back
+        bend = np.arctan2(0.33 * np.sin(q[elbow]), 0.27 + 0.33 * np.cos(q[elbow]))
+        q[shoulder] += 2.0 * bend
+        q[elbow] *= -1.0
+    return q
+
+
 # ---- differences ---------------------------------------------------------------------------------
 
 

@@ -164,6 +164,13 @@ def test_locked_joints_without_a_posture_stay_at_zero_or_at_the_nearest_limit(to
     )
 
 
+def test_locked_joints_with_room_on_both_sides_stay_at_zero(torso: Path) -> None:
+    arm = read_arm(two_armed(torso, left={"joints": ["left_shoulder"]}), "left")
+    assert "left_elbow" in arm.locked
+    straight = 0.35 * np.array([np.cos(0.4), np.sin(0.4)])
+    np.testing.assert_allclose(tip(arm, [0.0])[:2], straight, atol=1e-12)
+
+
 def test_joints_without_a_limit_have_none(torso: Path) -> None:
     arm = read_arm(two_armed(torso), "left")
     np.testing.assert_array_equal(arm.lower, [-np.inf, -2.5])

@@ -214,6 +214,35 @@ def test_closing_moves_only_the_dependent_joints(mechanism: Mechanism, seed: int
     np.testing.assert_allclose(again, q, atol=1e-11)
 
 
+def test_hands_are_where_the_grasp_says_on_the_object(mechanism: Mechanism) -> None:
+    """The hand's frame on the object: position and, where the pair is rigid, orientation."""
+    chain, q = mechanism.chain, mechanism.posture
+    position, rotation = chain.object_pose(chain.dynamics.placements(q[None]))
+    thing = pin.SE3(rotation[0], position[0])
+    for arm, part in zip(chain.arms, (q[: chain.left.n], q[chain.left.n :]), strict=True):
+        data = arm.model.createData()
+        pin.forwardKinematics(arm.model, data, part)
+        hand = data.oMi[arm.tip_joint] * arm.tip_placement
+        given = getattr(mechanism.scenario, arm.side).grasp
+        wanted = thing * pin.SE3(pin.rpy.rpyToMatrix(*given.rpy), np.array(given.xyz))
+        np.testing.assert_allclose(hand.translation, wanted.translation, atol=1e-10)
+        if arm.side == "left" or chain.pair.name == "rigid":
+            np.testing.assert_allclose(hand.rotation, wanted.rotation, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["human_arms", "pandas"])
+def test_far_guesses_close_on_the_side_where_they_are(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    mechanism: Mechanism = request.getfixturevalue(name)
+    dependent = mechanism.joints.dependent
+    guess = np.repeat(mechanism.posture[None], 100, axis=0)
+    guess[:, dependent] += np.random.default_rng(0).uniform(-0.6, 0.6, (100, len(dependent)))
+    q, _, closed = mechanism.chain.close(guess, dependent)
+    assert closed.all()
+    np.testing.assert_allclose(q, np.broadcast_to(mechanism.posture, q.shape), atol=1e-6)
+
+
 def test_a_posture_out_of_reach_stays_open_and_leaves_the_others_alone(
     human_arms: Mechanism,
 ) -> None:

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import Mechanism, differences, random_states
+from mechanisms import Mechanism, differences, mirrored, random_states
 
 from planner.independent_joints import Coordinates, choose_joints
-
-
-def mirrored(human_arms: Mechanism) -> np.ndarray:
-    """The paper's arms with the object in the same place and both elbows on the other side."""
-    q = human_arms.posture.copy()
-    for shoulder, elbow in ((0, 1), (2, 3)):
-        # the hand's direction seen from the shoulder stays: turn the elbow over, the shoulder back
-        bend = np.arctan2(0.33 * np.sin(q[elbow]), 0.27 + 0.33 * np.cos(q[elbow]))
-        q[shoulder] += 2.0 * bend
-        q[elbow] *= -1.0
-    return q
+from planner.inverse_kinematics import ObjectPose, find_posture
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -33,6 +26,26 @@ def test_dependent_joints_can_follow_along_the_whole_path(mechanism: Mechanism, 
     gamma = chain.loop(chain.dynamics.placements(path)).jacobian()
     smallest = np.linalg.svd(gamma[:, :, joints.dependent], compute_uv=False)[:, -1]
     assert np.min(smallest) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"), [((-0.09, 0.24), (0.54, 0.24)), ((0.43, 0.14), (0.13, 0.18))]
+)
+def test_the_choice_is_the_best_for_the_worst_place_on_the_path(
+    human_arms: Mechanism, start: tuple[float, float], goal: tuple[float, float]
+) -> None:
+    """Compared with all six choices; in the second path another one is best at the start."""
+    chain = human_arms.chain
+    places = np.linspace([*start, 0.0], [*goal, 0.0], 13)
+    reference = np.array([2.25, -1.64, 1.75, 0.97])
+    path = np.array([find_posture(chain, ObjectPose(at, None), reference, "k") for at in places])
+    gamma = chain.loop(chain.dynamics.placements(path)).jacobian()
+
+    def worst(dependent: Iterable[int]) -> float:
+        return float(np.min(np.linalg.svd(gamma[:, :, list(dependent)], compute_uv=False)))
+
+    chosen = worst(choose_joints(chain, path).dependent)
+    assert chosen == pytest.approx(max(worst(pair) for pair in combinations(range(4), 2)))
 
 
 def test_a_joint_that_loses_its_effect_on_the_way_is_not_dependent(human_arms: Mechanism) -> None:
@@ -68,7 +81,7 @@ def test_closure_is_sought_near_the_last_known_motion(human_arms: Mechanism) -> 
     here = human_arms.posture
     left, right = np.array([0, 1]), np.array([2, 3])
     joints = type(human_arms.joints)(left, right)
-    there = np.concatenate([here[:2], mirrored(human_arms)[2:]])
+    there = np.concatenate([here[:2], mirrored(here)[2:]])
     assert np.max(np.abs(chain.gap(chain.dynamics.placements(there[None])))) < 1e-11
     coordinates = Coordinates(chain, joints, share, np.stack([here, here]))
     y = here[None, left] + np.array([[0.0, 0.0], [0.02, -0.03]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import mechanisms
 import numpy as np
@@ -10,7 +11,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from mechanisms import Mechanism, differences, random_states, relative_error
+from mechanisms import Mechanism, differences, mirrored, random_states, relative_error
 
 from planner.chain import ClosedChain, build_chain
 from planner.errors import UnreachableError
@@ -111,20 +112,39 @@ def test_arms_on_a_wall_reach_in_their_upright_plane() -> None:
     check_holds(chain, q, pose)
 
 
-def test_a_joint_at_its_limit_stays_there(three_jointed: Mechanism) -> None:
-    """The reference asks for more than the wrist can turn: the other joints do the rest."""
-    chain = three_jointed.chain
-    reference = three_jointed.posture.copy()
-    reference[2] = 3.4
-    pose = ObjectPose(np.array([0.2, 0.42, 0.0]), None)
-    q = find_posture(chain, pose, reference, "task.start.xyz")
-    check_holds(chain, q, pose)
+def test_a_joint_at_its_limit_leaves_the_rest_to_the_others(three_jointed: Mechanism) -> None:
+    chain, reference = three_jointed.chain, three_jointed.posture
+    pose = ObjectPose(object_at(chain, reference)[0] + np.array([0.0, -0.1, 0.0]), None)
+    free = find_posture(chain, pose, reference, "task.start.xyz")
+    moved = int(np.argmax(free[:3] - reference[:3]))
+    upper = chain.left.upper.copy()
+    upper[moved] = 0.5 * (free + reference)[moved]
+    limited = replace(chain, left=replace(chain.left, upper=upper))
+    q = find_posture(limited, pose, reference, "task.start.xyz")
+    check_holds(limited, q, pose)
+    assert q[moved] == pytest.approx(upper[moved], abs=1e-6)
+
+
+def test_the_side_of_the_elbows_comes_before_the_distance(human_arms: Mechanism) -> None:
+    """Hardly bent to their own side, with shoulders turned for the other: the elbows decide."""
+    chain, known = human_arms.chain, human_arms.posture
+    other = mirrored(known)
+    pose = ObjectPose(object_at(chain, known)[0], None)
+    np.testing.assert_allclose(object_at(chain, other)[0], pose.position, atol=1e-12)
+    reference = other.copy()
+    reference[[1, 3]] = 0.05 * np.sign(known[[1, 3]])
+    assert np.linalg.norm(other - reference) < np.linalg.norm(known - reference)
+    q = find_posture(chain, pose, reference, "k", seeds=[other])
+    np.testing.assert_allclose(q, known, atol=1e-8)
 
 
 def test_mirrored_elbows_are_another_branch(human_arms: Mechanism) -> None:
-    q = human_arms.posture
-    assert branch(human_arms.chain, q * [1, -1, 1, 1]) != branch(human_arms.chain, q)
-    assert branch(human_arms.chain, q + 0.1) == branch(human_arms.chain, q)
+    chain, q = human_arms.chain, human_arms.posture
+    sides = np.array(branch(chain, q))
+    np.testing.assert_array_equal(branch(chain, mirrored(q)), -sides)
+    np.testing.assert_array_equal(
+        branch(chain, human_arms.shifted(q[None], np.full(2, 0.1))[0]), sides
+    )
 
 
 def test_object_jacobian_is_the_derivative_of_its_pose(mechanism: Mechanism) -> None:
@@ -170,6 +190,17 @@ def test_a_line_through_an_arms_base_is_not_followed(human_arms: Mechanism) -> N
     assert follow_poses(chain, ends[0] + share * (ends[1] - ends[0]), None, guess) is None
 
 
+def test_elbows_do_not_change_sides_on_the_way(human_arms: Mechanism) -> None:
+    chain = human_arms.chain
+    poses = [ObjectPose(np.array(xyz), None) for xyz in ((0.1, 0.4, 0.0), (0.4, 0.3, 0.0))]
+    start, goal = (find_posture(chain, pose, human_arms.posture, "k") for pose in poses)
+    share = np.linspace(0.0, 1.0, 33)[:, None]
+    line = poses[0].position + share * (poses[1].position - poses[0].position)
+    assert follow_poses(chain, line, None, start + share * (goal - start)) is not None
+    over = mirrored(goal)
+    assert follow_poses(chain, line, None, start + share * (over - start)) is None
+
+
 # ---- out of reach --------------------------------------------------------------------------------
 
 
@@ -205,6 +236,19 @@ def test_a_point_out_of_reach_names_the_arm_and_the_distance(
             wanted[side] = missing
     assert wanted
     assert told == pytest.approx(wanted, abs=1e-4)
+
+
+def test_a_handle_lengthens_the_reach() -> None:
+    """The left hand holds the object 0.1 m before its frame, in line with the forearm."""
+    chain = build_chain(mechanisms.human_arms({"left.grasp.xyz": [-0.1, 0.0, 0.0]}))
+    reference = np.array([2.25, -1.64, 1.75, 0.97])
+    text = complaint(chain, ObjectPose(np.array([-0.3, 0.7, 0.0]), None), reference)
+    told = re.findall(r"the (\w+) arm misses it by ([\d.]+) m", text)
+    longest = 0.27 + 0.33 + 0.1
+    wanted = [("left", np.hypot(0.3, 0.7) - longest), ("right", np.hypot(0.75, 0.7) - REACH)]
+    assert [side for side, _ in told] == ["left", "right"]
+    for (_, distance), (_, missing) in zip(told, wanted, strict=True):
+        assert float(distance) == pytest.approx(missing, abs=1e-4)
 
 
 def test_a_point_beside_the_plane_is_missed_by_both_arms(human_arms: Mechanism) -> None:

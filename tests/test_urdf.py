@@ -117,7 +117,7 @@ CASES = {
     "NaN inertia": (changed('iyy="0.00375"', 'iyy="nan"'), "link1 inertia iyy.*not a finite"),
     "NaN origin": (changed('origin xyz="0.15 0 0"', 'origin xyz="nan 0 0"'), "origin xyz"),
     "short origin": (changed('origin xyz="0.15 0 0"', 'origin xyz="0.15 0"'), "xyz.*0.15 0'"),
-    "long axis": (changed('axis xyz="0 0 1"', 'axis xyz="0 0 1 0"'), "axis xyz.*3 "),
+    "long axis": (changed('axis xyz="0 0 1"', 'axis xyz="0 0 1 0"'), "joint0 axis.*0 0 1 0"),
     "NaN limit": (changed('lower="-3"', 'lower="nan"'), "limit lower.*not a finite"),
     "limits crossed": (changed('lower="-3" upper="3"', 'lower="3" upper="-3"'), "joint0"),
     "no axis": (changed('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), "joint0"),
@@ -215,7 +215,7 @@ def test_a_sound_file_leaves_no_doubt(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ('iyy="0.00375"', 'iyy="0.0000001"', "link1: principal moments .* triangle"),
-        ('ixx="7.5e-05"', 'ixx="-5e-08"', "link1: a principal moment is negative, -5e-08"),
+        ('ixx="7.5e-05"', 'ixx="-5e-08"', "link1: principal moments -5e-08"),
         ('mass value="0.5"', 'mass value="0"', "link1: inertia but no mass"),
         (
             'ixx="7.5e-05" ixy="0" ixz="0" iyy="0.00375" iyz="0" izz="0.00375"',

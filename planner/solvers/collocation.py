@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import sys
 import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -26,13 +27,19 @@ INITIAL_NODES = 21
 
 
 class _RefinementReader(io.TextIOBase):
-    """Turns the table that `solve_bvp` prints, a line per mesh, into refinements."""
+    """Turns the table that `solve_bvp` prints, a line per mesh, into refinements.
+
+    The callback runs with the standard output that was; what it raises is kept and raised again
+    after the solve, so that it is not taken for the solver's.
+    """
 
     def __init__(self, problem: BoundaryValueProblem, progress: ProgressCallback | None) -> None:
         self.problem = problem
         self.progress = progress
         self.began = time.perf_counter()
         self.seen: list[Refinement] = []
+        self.error: BaseException | None = None
+        self._output = sys.stdout
 
     def write(self, text: str) -> int:
         for line in text.splitlines():
@@ -43,11 +50,21 @@ class _RefinementReader(io.TextIOBase):
                     residual=float(columns[1]),
                     cost=self.problem.cost_so_far(),
                     seconds=time.perf_counter() - self.began,
+                    stage="collocation",
                 )
                 self.seen.append(step)
-                if self.progress is not None:
-                    self.progress(step)
+                if self.progress is not None and self.error is None:
+                    self._call(step)
         return len(text)
+
+    def _call(self, step: Refinement) -> None:
+        assert self.progress is not None
+        try:
+            with contextlib.redirect_stdout(self._output):
+                self.progress(step)
+        except Exception as error:
+            self.error = error
+            raise
 
 
 @contextlib.contextmanager
@@ -79,9 +96,9 @@ def solve_collocation(
         scenario: Named in a failure.
     """
     began = time.perf_counter()
-    share, start = _mesh(problem, guess)
+    share, start = _mesh(problem, guess, max_nodes)
     reader = _RefinementReader(problem, progress)
-    problem.newton_steps = 0
+    problem.boundary_calls = 0
     with one_blas_thread(), contextlib.redirect_stdout(reader):
         try:
             found = solve_bvp(
@@ -96,6 +113,8 @@ def solve_collocation(
                 verbose=2,
             )
         except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+            if reader.error is not None:
+                raise
             return _lost_or_singular(problem, scenario, str(error))
     seconds = time.perf_counter() - began
     residual = float(np.max(found.rms_residuals))
@@ -128,18 +147,21 @@ def solve_collocation(
         states=states,
         cost=integrate_cost(problem, found.x, states),
         residual=residual,
-        iterations=problem.newton_steps,
+        # every mesh takes one call before its first step and one after its last
+        iterations=problem.boundary_calls - 2 * len(reader.seen),
         refinements=tuple(reader.seen),
         seconds=seconds,
     )
 
 
-def _mesh(problem: BoundaryValueProblem, guess: Guess | None) -> tuple[np.ndarray, np.ndarray]:
+def _mesh(
+    problem: BoundaryValueProblem, guess: Guess | None, max_nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns the first mesh and scaled states on it."""
     if guess is not None:
         return guess.share, problem.scaled(guess.x)
     guess = problem.straight_guess
-    share = np.linspace(0.0, 1.0, INITIAL_NODES)
+    share = np.linspace(0.0, 1.0, min(INITIAL_NODES, max_nodes))
     x = np.array([np.interp(share, guess.share, column) for column in guess.x.T]).T
     return share, problem.scaled(x)
 

@@ -42,7 +42,7 @@ class Torques:
 
     @property
     def along_multiplier(self) -> np.ndarray:
-        """d tau/d lambda = -Gamma', (K, N, m)."""
+        """D tau/d lambda = -Gamma', (K, N, m)."""
         return -transpose(self.tangent.gamma)
 
 

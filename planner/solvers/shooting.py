@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 RTOL, ATOL = 1e-9, 1e-11
 _MAX_STEPS = 30
 _BLOW_UP = 1e6  # of a scaled state: far beyond any optimal motion
-_MAX_EVALUATIONS = 6000
+_MAX_EVALUATIONS = 3000
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,9 @@ def newton_shooting(
         progress: Called once per iteration.
     """
     began = time.perf_counter()
-    shot = shoot(problem, start, sensitive=True)
+    # without sensitivities first: a start that blows up is then found out soon
+    alone = shoot(problem, start, sensitive=False)
+    shot = None if alone is None else shoot(problem, start, sensitive=True)
     if shot is None:
         return ShootingResult(start, np.inf, 0, "the first integration blows up")
     residual = problem.boundary(start, shot.goal)
@@ -135,7 +137,8 @@ def newton_shooting(
         size = float(np.max(np.abs(residual)))
         if progress is not None:
             nodes = int(shot.trajectory.t.size)  # type: ignore[attr-defined]
-            progress(Refinement(nodes, size, np.nan, time.perf_counter() - began))
+            seconds = time.perf_counter() - began
+            progress(Refinement(nodes, size, np.nan, seconds, "shooting"))
         if size < tolerance:
             return ShootingResult(start, size, step, "converged")
         at_start, at_goal = problem.boundary_jacobian(start, shot.goal)

@@ -23,8 +23,10 @@ import scipy.linalg
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.solution import ProgressCallback, Refinement
-from planner.solvers.spectral_problem import Curves, EndValues, Point, SpectralProblem
-from planner.solvers.trust_region import reduce_model, trust_region_step
+from planner.solvers.spectral_curvature import torque_curvature
+from planner.solvers.spectral_ends import EndValues
+from planner.solvers.spectral_problem import Curves, Point, SpectralProblem
+from planner.solvers.trust_region import newton_step, reduce_model, trust_region_step
 from planner.transport import Transport
 
 FIRST_DEGREE = 20
@@ -76,7 +78,7 @@ def minimise(
     coordinates: Coordinates,
     *,
     tolerance: float = 1e-9,
-    tail: float = 3e-4,
+    tail: float = 7e-4,
     start: Curves | None = None,
     progress: ProgressCallback | None = None,
 ) -> SpectralResult | None:
@@ -95,7 +97,7 @@ def minimise(
     seen: list[Refinement] = []
 
     def report(degree: int, decrease: float, cost: float) -> None:
-        step = Refinement(degree, decrease, cost, time.perf_counter() - began)
+        step = Refinement(degree, decrease, cost, time.perf_counter() - began, "spectral")
         seen.append(step)
         if progress is not None:
             progress(step)
@@ -135,7 +137,7 @@ def minimise(
 
 
 def resolution(problem: SpectralProblem, point: Point) -> float:
-    """Returns the share of the three highest Legendre coefficients in the torque's slope.
+    """Returns the share of the four highest Legendre coefficients in the torque's slope.
 
     For torque criteria that is its own quantity; for both the size is the root of the sum of
     squares over all joints, weighted as in the criterion.
@@ -152,7 +154,7 @@ def resolution(problem: SpectralProblem, point: Point) -> float:
     coefficients = (legendre * problem.nodes.weights[:, None] * scale).T @ values
     energy = (coefficients**2).sum(axis=1) / scale
     total = float(energy.sum())
-    return float(np.sqrt(energy[-3:].sum() / total)) if total > 0.0 else 0.0
+    return float(np.sqrt(energy[-4:].sum() / total)) if total > 0.0 else 0.0
 
 
 def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None:
@@ -164,8 +166,8 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
         y = end.posture[independent]
         if curves is not None and not end.held:
             near = curves.y(np.array([float(index)]))
-            y = problem.retract(index, near)[0]
-        ends.append(problem.end_values(index, y[None])[0])
+            y = problem.ends.retract(index, near)[0]
+        ends.append(problem.ends.values(index, y[None])[0])
     both = ends[0], ends[1]
     candidates = [np.zeros(problem.size)]
     if curves is not None:
@@ -196,17 +198,25 @@ def _descend(
     for step in range(_MAX_STEPS):
         gradient, matrix, along_torque = problem.normal_equations(point)
         if exact:
-            matrix += problem.curvature(point, along_torque)
-        try:
-            model = reduce_model(gradient, matrix, metric, problem.motion, problem.force)
-        except scipy.linalg.LinAlgError:
-            return point, relative, step, "singular equations"
-        # the multiplier's own gain is that of a motion that stays
-        own = -0.5 * float(gradient[problem.force] @ model.force_step)
-        limited = True
+            matrix += torque_curvature(problem, point, along_torque)
+        plain = None if exact else newton_step(gradient, matrix)
+        model = None
         while True:
-            move, gain, length = trust_region_step(model, radius)
-            gain += own
+            if plain is not None:
+                move, gain = plain
+                length = float(np.linalg.norm(metric @ move[problem.motion]))
+                convex = True
+            if plain is None or length > radius:
+                plain = None
+                if model is None:
+                    try:
+                        model = reduce_model(
+                            gradient, matrix, metric, problem.motion, problem.force
+                        )
+                    except scipy.linalg.LinAlgError:
+                        return point, relative, step, "singular equations"
+                move, gain, length = trust_region_step(model, radius)
+                convex = bool(model.values[0] > -1e-9 * np.max(np.abs(model.values)))
             relative = gain / max(point.cost, 1e-300)
             limited = length > 0.95 * radius
             new = problem.moved(point, move)
@@ -228,10 +238,9 @@ def _descend(
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
         # what is left is a geometric series of this pace; Newton squares it
         left = relative * (min(pace, 1.0) ** 2 if exact else pace / max(1.0 - pace, 1e-3))
-        convex = model.values[0] > -1e-9 * np.max(np.abs(model.values))
         if not limited and convex and (left < tolerance or relative < 1e-3 * tolerance):
             return point, relative, step + 1, "converged"
-        if not exact and (step >= 2 and pace > _SLOW and relative < 0.3 or ratio < 0.25):
+        if not exact and ((step >= 2 and pace > _SLOW and relative < 0.3) or ratio < 0.25):
             exact = True
         before = relative
     return point, relative, _MAX_STEPS, "too many steps"

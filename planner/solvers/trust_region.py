@@ -22,6 +22,7 @@ class Model:
         slope: Gradient along its eigenvectors.
         vectors: Eigenvectors, in the unknowns of the motion.
         force_step: Step of the multiplier for a motion that stays.
+        force_gain: Gain of that step.
         force_follow: Step of the multiplier per unknown of the motion.
         motion: Places of the motion's unknowns.
         force: Places of the multiplier's unknowns.
@@ -31,6 +32,7 @@ class Model:
     slope: np.ndarray
     vectors: np.ndarray
     force_step: np.ndarray
+    force_gain: float
     force_follow: np.ndarray
     motion: np.ndarray
     force: np.ndarray
@@ -64,7 +66,18 @@ def reduce_model(
     scaled = scipy.linalg.solve_triangular(metric, half.T, trans="T", check_finite=False)
     values, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T), check_finite=False)
     in_unknowns = scipy.linalg.solve_triangular(metric, vectors, check_finite=False)
-    return Model(values, in_unknowns.T @ slope, in_unknowns, step, follow, motion, force)
+    gain = -0.5 * float(gradient[force] @ step)
+    return Model(values, in_unknowns.T @ slope, in_unknowns, step, gain, follow, motion, force)
+
+
+def newton_step(gradient: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Returns the step to the model's minimum and its gain; None if the Hessian is not positive."""
+    try:
+        factor = scipy.linalg.cho_factor(hessian, check_finite=False)
+    except scipy.linalg.LinAlgError:
+        return None
+    move = -scipy.linalg.cho_solve(factor, gradient, check_finite=False)
+    return move, -0.5 * float(gradient @ move)
 
 
 def trust_region_step(model: Model, radius: float) -> tuple[np.ndarray, float, float]:
@@ -95,7 +108,7 @@ def trust_region_step(model: Model, radius: float) -> tuple[np.ndarray, float, f
     motion = model.vectors @ along
     move[model.motion] = motion
     move[model.force] = model.force_step + model.force_follow @ motion
-    gain = -float(slope @ along + 0.5 * (values * along) @ along)
+    gain = model.force_gain - float(slope @ along + 0.5 * (values * along) @ along)
     return move, gain, float(np.linalg.norm(along))
 
 

@@ -17,7 +17,7 @@ from planner.costates import hamiltonian_gradient
 from planner.solution import Solution
 from planner.solvers.inverse_torques import inverse_torques
 from planner.solvers.spectral import SpectralResult
-from planner.vectors import matvec, transpose
+from planner.vectors import transpose
 
 _LOBATTO = np.array([-np.sqrt(3.0 / 7.0), 0.0, np.sqrt(3.0 / 7.0)])
 _FEWEST, _MOST = 12, 1500

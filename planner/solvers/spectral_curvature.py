@@ -1,0 +1,129 @@
+"""What the torques' second derivatives add to the Gauss-Newton matrix: Newton's exact Hessian."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.constrained_dynamics import tangent
+from planner.criteria.base import Criterion
+from planner.criteria.curvature import STEP, join_tangents
+from planner.solvers.inverse_torques import Torques, inverse_torques
+from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.vectors import matvec, transpose
+
+_SECOND_STEP = 3e-4  # rad, second differences along the free postures of an end
+
+
+def _contraction(
+    criterion: Criterion, torques: Torques, along_torque: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """Returns the gradient along (y, dy/dt, d2y/dt2, lambda) at samples, (K, 3 p + m)."""
+    parts = [
+        matvec(transpose(part), along_torque)
+        for part in (
+            torques.along_y,
+            torques.along_rate,
+            torques.along_acceleration,
+            torques.along_multiplier,
+        )
+    ]
+    cost = criterion.state_cost
+    if cost is not None:
+        s = torques.tangent.s
+        speed = weight * cost.speed * torques.v
+        away = weight * cost.posture * (torques.tangent.q - cost.reference)
+        parts[0] += matvec(transpose(torques.drag), speed) + matvec(transpose(s), away)
+        parts[1] += matvec(transpose(s), speed)
+    return np.concatenate(parts, axis=1)
+
+
+def torque_curvature(
+    problem: SpectralProblem, point: Point, along_torque: np.ndarray
+) -> np.ndarray:
+    """Returns what the torques' second derivatives add to the Gauss-Newton matrix.
+
+    One difference along each independent joint, and an exact one along each rate: torques are
+    quadratic in the rates and linear in accelerations and multiplier.
+    """
+    chain, joints = problem.transport.chain, problem.transport.joints
+    p, count = problem.p, len(problem.nodes.u)
+    base = point.torques.tangent
+    moved = base.q[None] + STEP * base.s.transpose(2, 0, 1)
+    moved = moved.reshape(p * count, problem.n)
+    there = tangent(chain, joints, moved, chain.dynamics.placements(moved))
+    at = join_tangents(there, base, p)
+    rates = np.broadcast_to(point.rate, (2, p, count, p)).copy()
+    rate_step = 1.0 / problem.transport.duration
+    for joint in range(p):
+        rates[1, joint, :, joint] += rate_step
+
+    def repeat(values: np.ndarray) -> np.ndarray:
+        return np.tile(values, (2 * p, 1))
+
+    torques = inverse_torques(
+        chain,
+        joints,
+        at,
+        rates.reshape(-1, p),
+        repeat(point.acceleration),
+        repeat(point.multiplier),
+    )
+    weight = problem.nodes.weights[:, None] * problem.transport.duration
+    gradients = _contraction(problem.criterion, torques, repeat(along_torque), repeat(weight))
+    old = _contraction(problem.criterion, point.torques, along_torque, weight)
+    change = gradients.reshape(2, p, count, -1) - old
+    size = 3 * p + problem.m
+    second = np.zeros((count, size, size))
+    along_y = change[0].transpose(1, 2, 0) / STEP
+    second[:, :, :p] = along_y
+    second[:, :p, :] = transpose(along_y)
+    second[:, :p, :p] = 0.5 * (along_y[:, :p] + transpose(along_y[:, :p]))
+    along_rate = change[1][:, :, p : 2 * p].transpose(1, 2, 0) / rate_step
+    second[:, p : 2 * p, p : 2 * p] = 0.5 * (along_rate + transpose(along_rate))
+    cost = problem.criterion.state_cost
+    if cost is not None:  # its Gauss-Newton part is in the normal equations already
+        s, drag = base.s, point.torques.drag
+        both = np.concatenate([drag, s], axis=2)
+        second[:, : 2 * p, : 2 * p] -= cost.speed * weight[..., None] * transpose(both) @ both
+        second[:, :p, :p] -= cost.posture * weight[..., None] * transpose(s) @ s
+    whole = problem.unknowns_to_motion(point)
+    result = np.tensordot(whole, second @ whole, axes=((0, 1), (0, 1)))
+    for index, place in ((0, problem.places[2]), (1, problem.places[3])):
+        if place.start != place.stop:
+            result[place, place] += _end_curvature(problem, index, point, old)
+    return result
+
+
+def _end_curvature(
+    problem: SpectralProblem, index: int, point: Point, gradient: np.ndarray
+) -> np.ndarray:
+    """Returns the curvature of the set of allowed end postures, (free, free)."""
+    duration, p = problem.transport.duration, problem.p
+    values = point.ends[index]
+    null = problem.ends.null(index, values.y)
+    free = null.shape[1]
+    rows = problem.rows_of_end(index, problem.motion_basis)
+    along = sum(
+        (phi[:, rows].T @ gradient[:, order * p : (order + 1) * p]) / duration**order
+        for order, phi in enumerate(problem.phi)
+    )
+    force_rows = problem.rows_of_end(index, problem.force_basis)
+    along_force = problem.psi[:, force_rows].T @ gradient[:, 3 * p :]
+    pairs = [
+        (i, j, a, b) for i in range(free) for j in range(i + 1) for a in (1, -1) for b in (1, -1)
+    ]
+    step = _SECOND_STEP
+    moves = np.array([step * (a * null[:, i] + b * null[:, j]) for i, j, a, b in pairs])
+    found = problem.ends.values(index, problem.ends.retract(index, values.y + moves))
+    height = np.array(
+        [
+            float(np.sum(along * np.array(value.motion(duration))))
+            + (0.0 if value.multiplier is None else float(along_force[0] @ value.multiplier))
+            for value in found
+        ]
+    )
+    result = np.zeros((free, free))
+    for (i, j, a, b), value in zip(pairs, height, strict=True):
+        result[i, j] += a * b * value / (4.0 * step**2)
+    lower = np.tril(result, -1)
+    return lower + lower.T + np.diag(np.diag(result))
