@@ -227,12 +227,18 @@ def _choose_joints(scenario: Scenario, side: Side) -> _Chosen:
 def _full_model(urdf: Urdf) -> pin.Model:
     try:
         with parser_messages() as said:
-            return pin.buildModelFromXML(urdf.text)
+            model = pin.buildModelFromXML(urdf.text)
     except (ValueError, RuntimeError) as error:
         reason = ", ".join(said) or str(error)
         raise ModelError(
             f"Pinocchio cannot read it: {reason}", source=urdf.path, remedy="mend the URDF"
         ) from None
+    # Pinocchio looks frames up by name alone, where joints and links may share one
+    links = set(urdf.links)
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY and frame.name in links:
+            frame.name = f"{frame.name} (joint)"
+    return model
 
 
 def _tip_joint(full: pin.Model, tip: str, side: Side, urdf: Urdf) -> int:

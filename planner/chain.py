@@ -294,6 +294,14 @@ def build_chain(scenario: Scenario) -> ClosedChain:
                 remedy=f"choose {np.round(frame.T @ normal, 6).tolist()}",
             )
     pair = make_pair(scenario.grasp.pair, axis, None if normal is None else frame.T @ normal)
+    if pair.m == 0:
+        raise ModelError(
+            f"a {pair.name} pair leaves arms that move in one plane free of each other",
+            source=scenario.path,
+            key="grasp.pair",
+            value=pair.name,
+            remedy="choose revolute or rigid",
+        )
     chain = ClosedChain(
         left=left,
         right=right,

@@ -93,5 +93,5 @@ def _within_plane(blocked: np.ndarray, normal: np.ndarray) -> np.ndarray:
     # prefer the plane's own axes where they span the same rows
     axes = [unit for unit in np.eye(3) if np.allclose(rows.T @ (rows @ unit), unit, atol=1e-9)]
     if len(axes) == rank:
-        rows = np.array(axes)
+        rows = np.array(axes).reshape(rank, 3)
     return rows @ motions

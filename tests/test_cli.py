@@ -63,12 +63,14 @@ def test_plan_prints_progress_and_a_table(run, tmp_path):
     assert (status, err) == (0, "")
     lines = out.splitlines()
     assert lines[0] == "Two planar arms, 2 kg object: torque-change, 1 s"
-    assert lines[1].split() == ["nodes", "residual", "cost", "time"]
+    assert lines[1].split() == ["nodes", "residual", "cost", "time", "stage"]
     end = lines.index("")
     steps = [line.split() for line in lines[2:end]]
     assert steps
-    for line, (nodes, residual, cost, seconds, unit) in zip(lines[2:end], steps, strict=True):
-        assert len(line) == len(lines[2])  # columns stand one under the other
+    starts = {line.index(" s ") for line in lines[2:end]}
+    assert len(starts) == 1  # columns stand one under the other
+    for nodes, residual, cost, seconds, unit, stage in steps:
+        assert stage in ("spectral", "collocation")
         assert int(nodes) > 0
         assert float(residual) > 0.0
         assert np.isfinite(float(cost))

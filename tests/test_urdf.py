@@ -215,7 +215,7 @@ def test_a_sound_file_leaves_no_doubt(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ('iyy="0.00375"', 'iyy="0.0000001"', "link1: principal moments .* triangle"),
-        ('ixx="7.5e-05"', 'ixx="-5e-08"', "link1: principal moments -5e-08"),
+        ('ixx="7.5e-05"', 'ixx="-5e-08"', "link1: .*-5e-08"),
         ('mass value="0.5"', 'mass value="0"', "link1: inertia but no mass"),
         (
             'ixx="7.5e-05" ixy="0" ixz="0" iyy="0.00375" iyz="0" izz="0.00375"',
