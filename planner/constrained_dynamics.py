@@ -143,7 +143,7 @@ def accelerate(
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Derivatives of the independent joints' accelerations.
+    """Derivatives of the independent joints' accelerations (or of the multiplier, with m rows).
 
     Attributes:
         along_y: (K, p, p).
@@ -202,3 +202,31 @@ def linearize(joints: Joints, motion: Motion, derivatives: InverseDerivatives) -
     both = motion.reduced @ (transpose(s) @ (forces - motion.inertia @ follow))
     p = s.shape[2]
     return Linearization(both[:, :, :p], both[:, :, p:], motion.reduced @ transpose(s))
+
+
+def linearize_multiplier(
+    joints: Joints, motion: Motion, derivatives: InverseDerivatives
+) -> Linearization:
+    """Returns the derivatives of the multiplier of eq. 2 instead, row by row of lambda.
+
+    Shapes (K, m, p), (K, m, p), (K, m, N).
+    """
+    at, given, dependent = motion.tangent, derivatives, joints.dependent
+    s, drag, linear = at.s, given.drag, linearize(joints, motion, derivatives)
+    pull = at.loop.force_jacobian(motion.multiplier)
+    load_y = (given.torque_q - pull) @ s + given.torque_v @ drag
+    slide_y = given.closure_q @ s + given.closure_v @ drag
+
+    def force(change: np.ndarray, slide: np.ndarray | None, load: np.ndarray) -> np.ndarray:
+        a = s @ change
+        if slide is not None:
+            a[:, dependent] -= at.inverse @ slide
+        surplus = (motion.inertia @ a + load)[:, dependent]
+        result: np.ndarray = transpose(at.inverse) @ surplus
+        return result
+
+    return Linearization(
+        force(linear.along_y, slide_y, load_y),
+        force(linear.along_rate, given.closure_v @ s, given.torque_v @ s),
+        force(linear.along_torque, None, -np.eye(s.shape[1])),
+    )

@@ -14,7 +14,7 @@ def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
     """Returns the choice of dependent joints that stays best conditioned along a path.
 
     Every posture proposes the columns that a pivoted QR of its closure Jacobian takes first; the
-    proposal whose worst condition number along the whole path is least wins.
+    proposal whose smallest singular value along the whole path is largest wins.
 
     Args:
         chain: The closed chain.

@@ -10,17 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from planner.errors import ModelError
+from planner.urdf_inertia import check_inertial, finite_numbers
 from planner.urdf_joints import check_joints
 
 MAX_BYTES = 64 * 2**20
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 # moments of inertia that matter to no motion [kg m^2]: negative ones down to the first come from
 # drawing programs (antennas, screws), any down to the second are round-off
-_NEGLIGIBLE = 1e-6
-_ROUND_OFF = 1e-15
 
 
 @dataclass(frozen=True)
@@ -117,7 +114,7 @@ def read_urdf(path: Path) -> Urdf:
     doubts: list[str] = []
     links = root.findall("link")
     for link in links:
-        doubts += _check_inertial(link, path)
+        doubts += check_inertial(link, path)
     unlimited: set[str] = set()
     moving: list[str] = []
     for joint in root.findall("joint"):
@@ -207,6 +204,14 @@ def _refuse_nonsense(root: ElementTree.Element, path: Path) -> None:
                 )
             if role == "child":
                 children.append(link)
+    for link in links:
+        if children.count(link) > 1:
+            raise ModelError(
+                "link is the child of more than one joint",
+                source=path,
+                value=link,
+                remedy="a URDF is a tree: each link hangs on one joint",
+            )
     roots = [link for link in links if link not in children]
     if len(roots) != 1:
         raise ModelError(
@@ -215,78 +220,29 @@ def _refuse_nonsense(root: ElementTree.Element, path: Path) -> None:
             value=roots,
             remedy="joints must connect all links to one tree",
         )
+    _refuse_rings(root, roots, path)
     for element in root.iter():
         for attribute in ("xyz", "rpy", "value", "lower", "upper", "effort", "velocity"):
             text = element.get(attribute)
             if text is not None and element.tag in ("origin", "axis", "mass", "limit"):
-                _finite(text, path, f"{element.tag} {attribute}")
+                finite_numbers(text, path, f"{element.tag} {attribute}")
 
 
-def _finite(text: str, path: Path, key: str) -> list[float]:
-    try:
-        numbers = [float(part) for part in text.split()]
-    except ValueError:
-        numbers = [math.nan]
-    if not numbers or not all(map(math.isfinite, numbers)):
+def _refuse_rings(root: ElementTree.Element, reached: list[str | None], path: Path) -> None:
+    """Refuses links that are joined to each other, but not to the root link `reached`."""
+    carried: dict[str | None, list[str | None]] = {}
+    for joint in root.findall("joint"):
+        ends = [joint.find(role) for role in ("parent", "child")]
+        parent, child = (None if end is None else end.get("link") for end in ends)
+        carried.setdefault(parent, []).append(child)
+    reached = [*reached]
+    for link in reached:  # grows while it is walked
+        reached += carried.get(link, [])
+    ring = [link.get("name") for link in root.findall("link") if link.get("name") not in reached]
+    if ring:
         raise ModelError(
-            "is not a finite number", source=path, key=key, value=text, remedy="write numbers"
-        )
-    return numbers
-
-
-def _check_inertial(link: ElementTree.Element, path: Path) -> list[str]:
-    """Refuses masses and inertias that no body can have; returns doubts about the others."""
-    name = link.get("name", "")
-    inertial = link.find("inertial")
-    if inertial is None:
-        return []
-    mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
-    if mass_element is None or mass_element.get("value") is None:
-        raise ModelError(
-            "inertial without a mass", source=path, key=name, remedy='add <mass value="..."/>'
-        )
-    mass = _finite(mass_element.get("value", ""), path, f"{name} mass")[0]
-    if mass < 0.0:
-        raise ModelError(
-            "negative mass", source=path, key=name, value=mass, remedy="a mass is zero or more, kg"
-        )
-    if inertia_element is None:
-        if mass > 0.0:
-            raise ModelError(
-                "link with mass but no inertia",
-                source=path,
-                key=name,
-                value=mass,
-                remedy='add <inertia ixx="..." .../> about its centre of mass',
-            )
-        ElementTree.SubElement(
-            inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
-        )
-        return []
-    ixx, ixy, ixz, iyy, iyz, izz = (
-        _finite(inertia_element.get(entry, "0"), path, f"{name} inertia {entry}")[0]
-        for entry in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
-    inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    moments = np.linalg.eigvalsh(inertia)
-    if moments[0] < -_NEGLIGIBLE:
-        raise ModelError(
-            "inertia is not positive",
+            "has links in a ring that no root carries",
             source=path,
-            key=name,
-            value=[float(f"{moment:.4g}") for moment in moments],
-            remedy="its principal moments must be zero or more, kg m^2",
+            value=ring,
+            remedy="joints must connect all links to one tree",
         )
-    doubts = []
-    if moments[0] < -_ROUND_OFF:
-        doubts.append(f"link {name}: a principal moment is negative, {moments[0]:.4g} kg m^2")
-    elif moments[0] + moments[1] < moments[2] * (1.0 - 1e-6) - _ROUND_OFF:
-        doubts.append(
-            f"link {name}: principal moments {moments[0]:.4g}, {moments[1]:.4g}, {moments[2]:.4g} "
-            "kg m^2 break the triangle inequality: no rigid body has them"
-        )
-    if mass > 0.0 and moments[2] <= _ROUND_OFF:
-        doubts.append(f"link {name}: {mass:g} kg but zero inertia (fine for a point mass)")
-    if mass == 0.0 and moments[2] > _ROUND_OFF:
-        doubts.append(f"link {name}: inertia but no mass")
-    return doubts

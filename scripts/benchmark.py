@@ -9,23 +9,19 @@ the same Pinocchio calls alone that is, and a profile by phase.
 
 from __future__ import annotations
 
-import os
-
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"
-
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
-from profiling import Profile, pinocchio_seconds, profiled
+from peers.profiling import Profile, pinocchio_seconds, profiled
 from rich.console import Console
 from rich.table import Table
 
 SCENARIO = Path(__file__).resolve().parents[1] / "urdf" / "human_arms" / "transport.toml"
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 REFERENCE_TOLERANCE = 1e-7
-console = Console()
+console = Console(width=None if sys.stdout.isatty() else 120)
 
 
 def main(
@@ -49,15 +45,15 @@ def main(
         _report(method, chosen.override({"solver.tolerance": tolerance}), reference, runs)
 
 
-def _reference(base) -> float:
-    """Returns the cost at a tight tolerance, extrapolated by nobody: it is far below 1e-6."""
+def _reference(base: Any) -> float:
+    """Returns the cost at a tight tolerance, whose error is far below 1e-6."""
     import planner
 
     tight = {"solver.tolerance": REFERENCE_TOLERANCE, "solver.max_nodes": 20000}
     return planner.plan(base.override(tight)).unwrap().cost
 
 
-def _loosest(base, reference: float, accuracy: float) -> float | None:
+def _loosest(base: Any, reference: float, accuracy: float) -> float | None:
     """Returns the loosest tolerance that gives the cost to an accuracy."""
     import planner
 
@@ -68,7 +64,7 @@ def _loosest(base, reference: float, accuracy: float) -> float | None:
     return None
 
 
-def _report(method: str, scenario, reference: float, runs: int) -> None:
+def _report(method: str, scenario: Any, reference: float, runs: int) -> None:
     """Prints times, their ratio to Pinocchio's own, and the profile."""
     import time
     from statistics import median, quantiles

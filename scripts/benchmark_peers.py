@@ -45,7 +45,7 @@ PANDA_GRID = {
     6: (2, 3, 4, 5, 6, 8),
 }
 # of unit size, so that light links do not spin at no cost: a well-posed problem at every size
-GROWTH_CRITERION = {"kind": "torque-change", "weights": "effort", "speed_cost": 0.1}
+GROWTH_CRITERION = {"kind": "torque-change", "weights": "effort", "speed_cost": 0.5}
 GROWTH_SCHEME = (8, 4)
 NODE_INTERVALS = (8, 16, 32, 64, 128)
 NODE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.boundary_value_problem import BoundaryValueProblem, Guess
-from planner.constrained_dynamics import Motion, inverse_derivatives
+from planner.constrained_dynamics import Motion, inverse_derivatives, linearize
 from planner.costates import hamiltonian_gradient
 from planner.solution import Solution
 from planner.solvers.inverse_torques import inverse_torques
@@ -46,55 +46,102 @@ def spectral_states(problem: BoundaryValueProblem, result: SpectralResult) -> St
     """Returns states and costates of a spectral result as polynomials."""
     criterion, transport = problem.criterion, problem.transport
     spectral, point = result.problem, result.point
-    nodes, duration = spectral.nodes, transport.duration
-    degree = spectral.degree
-    # every derivative costs accuracy: what follows from one is fitted by a lower degree
-    fit, _ = _smoothing(nodes.u, nodes.weights, degree, degree)
-    rough, slope = _smoothing(nodes.u, nodes.weights, degree - 3, degree)
-    rougher, slope_again = _smoothing(nodes.u, nodes.weights, degree - 6, degree)
-    roughest, _ = _smoothing(nodes.u, nodes.weights, degree - 9, degree)
-    torques = point.torques
-    at = torques.tangent
-    s, independent = at.s, transport.joints.independent
-    inertia = torques.along_acceleration  # I S
-    reduced = transpose(s) @ inertia
+    nodes, degree = spectral.nodes, spectral.degree
+    at = point.torques.tangent
+    fit, _ = _fit(nodes.u, nodes.weights, degree, degree)
+    # what follows from a derivative is known less well: a lower degree fits it
+    rough, slope = _fit(nodes.u, nodes.weights, degree - 3, degree)
     x = np.zeros((len(nodes.u), 2 * criterion.state_size))
-    x[:, criterion.at_y] = at.q[:, independent]
+    x[:, criterion.at_y] = at.q[:, transport.joints.independent]
     x[:, criterion.at_rate] = point.rate
+    mu = -criterion.torque_weights * point.torques.tau
     if criterion.torque_is_state:
-        x[:, criterion.at_tau] = torques.tau
+        x[:, criterion.at_tau] = point.torques.tau
         n3 = -criterion.rate_weights * point.slope
         x[:, criterion.at_n3] = n3
-        mu = -(slope @ n3) / duration - criterion.torque_weights * torques.tau
-    else:
-        mu = -criterion.torque_weights * torques.tau
-    # mu lies in the range of S only where the multiplier is optimal: take its share there
-    share = np.linalg.solve(transpose(s) @ s, transpose(s) @ mu[..., None])
-    n2 = (reduced @ share)[..., 0]
-    x[:, criterion.at_n2] = n2
-    # I is only needed on what the constraint solve puts out: its columns along S
-    motion = Motion(
-        tangent=at,
-        v=torques.v,
-        inertia=problem.transport.chain.dynamics.inertia_and_bias(at.q, torques.v)[0],
-        reduced=np.linalg.inv(reduced),
-        a=torques.a,
-        multiplier=point.multiplier,
-    )
-    derivatives = inverse_derivatives(transport.chain, transport.joints, motion)
-    gradient = hamiltonian_gradient(transport.joints, motion, derivatives, n2, criterion.state_cost)
-    x[:, criterion.at_n1] = -(slope_again @ n2) / duration - gradient.along_rate
+        mu = mu - (slope @ n3) / transport.duration
     coefficients = fit @ x
-    for place, smooth in (
-        (criterion.at_n3, rough),
-        (criterion.at_n2, rougher),
-        (criterion.at_n1, roughest),
-    ):
-        coefficients[:, place] = smooth @ x[:, place]
+    coefficients[:, criterion.at_n3] = rough @ x[:, criterion.at_n3]
+    n1, n2 = _adjoint(problem, result, mu)
+    coefficients[: len(n1), criterion.at_n1] = n1
+    coefficients[: len(n2), criterion.at_n2] = n2
     return States(coefficients)
 
 
-def _smoothing(
+def _adjoint(
+    problem: BoundaryValueProblem, result: SpectralResult, mu: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns Legendre coefficients of n1 and n2, (., p) each.
+
+    They solve the adjoint equations, linear in them along a known motion, and B'n2 = mu, as a
+    least-squares problem at the nodes: better than differentiating mu twice.
+    """
+    criterion, transport = problem.criterion, problem.transport
+    nodes, torques, duration = result.problem.nodes, result.point.torques, transport.duration
+    at, p = torques.tangent, criterion.p
+    inertia, _ = transport.chain.dynamics.inertia_and_bias(at.q, torques.v)
+    reduced = np.linalg.inv(transpose(at.s) @ inertia @ at.s)
+    motion = Motion(at, torques.v, inertia, reduced, torques.a, result.point.multiplier)
+    derivatives = inverse_derivatives(transport.chain, transport.joints, motion)
+    linear = linearize(transport.joints, motion, derivatives)
+    none = np.zeros((len(mu), p))
+    source = hamiltonian_gradient(transport.joints, motion, derivatives, none, criterion.state_cost)
+    degree = result.problem.degree - 3
+    points = 2.0 * nodes.u - 1.0
+    values = np.polynomial.legendre.legvander(points, degree)
+    slopes = np.polynomial.legendre.legval(
+        points, 2.0 * np.polynomial.legendre.legder(np.eye(degree + 1), 1, axis=0)
+    ).T
+    count, size = values.shape
+    root = np.sqrt(nodes.weights)
+    # unknowns and equations are measured as in the scaled boundary value problem
+    unit1, unit2 = problem.scale[criterion.at_n1], problem.scale[criterion.at_n2]
+    unit3 = problem.scale[criterion.state_size :].max()
+    unit3 = (
+        problem.scale[criterion.at_n3] if criterion.torque_is_state else np.full(mu.shape[1], unit3)
+    )
+
+    def spread(basis: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+        """Returns rows (K, i, size, p) of matrix (K, i, p) times a curve on the basis."""
+        return basis[:, None, :, None] * matrix[:, :, None, :]
+
+    identity = np.broadcast_to(np.eye(p), (count, p, p))
+    blocks = []
+    for left, middle, right, unit in (
+        (
+            spread(slopes, identity) * unit1,
+            spread(values, transpose(linear.along_y)) * (unit2 * duration),
+            -source.along_y * duration,
+            unit1,
+        ),
+        (
+            spread(values, identity) * (unit1 * duration),
+            spread(slopes, identity) * unit2
+            + spread(values, transpose(linear.along_rate)) * (unit2 * duration),
+            -source.along_rate * duration,
+            unit2,
+        ),
+        (
+            np.zeros((count, mu.shape[1], size, p)),
+            spread(values, transpose(linear.along_torque)) * (unit2 * duration),
+            mu * duration,
+            unit3,
+        ),
+    ):
+        rows = np.concatenate(
+            [part.reshape(count, part.shape[1], -1) for part in (left, middle)], axis=2
+        )
+        weight = root[:, None] / unit
+        blocks.append(
+            ((rows * weight[..., None]).reshape(-1, 2 * size * p), (right * weight).ravel())
+        )
+    matrix = np.vstack([rows for rows, _ in blocks])
+    target = np.concatenate([right for _, right in blocks])
+    found = np.linalg.lstsq(matrix, target, rcond=1e-12)[0].reshape(2, size, p)
+    return found[0] * unit1, found[1] * unit2
+
+
+def _fit(
     u: np.ndarray, weights: np.ndarray, degree: int, rows: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the fit of Legendre coefficients to values at the nodes, and the fit's slope there.

@@ -1,4 +1,4 @@
-"""What the planner is measured against: the same problems, solved by other means.
+"""What the benchmarks are made of: peers that solve the same problems, timing, profiles, tables.
 
 Imported before NumPy: all contestants run on one thread.
 """

@@ -55,7 +55,9 @@ def _write(path: Path, text: str) -> str:
     return str(path)
 
 
-def planar_pair(folder: Path, left: int, right: int, **extra: Any) -> Scenario:
+def planar_pair(
+    folder: Path, left: int, right: int, pair: str = "revolute", **extra: Any
+) -> Scenario:
     """Returns the paper's transport by arms with more, shorter links.
 
     The start posture is held, evenly bent; the goal posture is free. Unit weights, torques zero at
@@ -65,9 +67,10 @@ def planar_pair(folder: Path, left: int, right: int, **extra: Any) -> Scenario:
         folder: Where URDF files are written.
         left: Joints of the left arm.
         right: Joints of the right arm.
+        pair: Kinematic pair between the hands, revolute or rigid.
         extra: More sections of the scenario.
     """
-    arms = {
+    arms: dict[str, dict[str, Any]] = {
         side: {
             "urdf": _write(folder / f"{side}{joints}.urdf", planar_urdf(joints)),
             "tip": "hand",
@@ -76,11 +79,14 @@ def planar_pair(folder: Path, left: int, right: int, **extra: Any) -> Scenario:
         }
         for side, joints, base, turn in (("left", left, 0.0, -1.0), ("right", right, 0.45, 1.0))
     }
+    # as they stand at the start the hands fit a rigid grasp
+    turn = sum(arms["right"]["posture"]) - sum(arms["left"]["posture"])
+    arms["right"]["grasp"] = {"rpy": [0.0, 0.0, float(np.arctan2(np.sin(turn), np.cos(turn)))]}
     return Scenario.from_resolved(
         {
             **arms,
             "object": {"urdf": _write(folder / "mass.urdf", _body_urdf(2.0, (0.0, 0.0, 0.0)))},
-            "grasp": {"pair": "revolute"},
+            "grasp": {"pair": pair},
             "world": {"gravity": [0.0, 0.0, 0.0]},
             "task": {
                 "start": {"xyz": [0.1, 0.4, 0.0]},

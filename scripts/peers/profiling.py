@@ -23,13 +23,13 @@ REST = "rest"
 PHASES: dict[str, tuple[str, ...]] = {
     "read": ("planner.planning:build_chain",),
     "inverse kinematics, straight line": ("planner.planning:make_transport",),
-    "solve: the rest": ("planner.planning:solve",),
+    "solve: setting up and the rest": ("planner.planning:solve",),
     "solve: spectral, the rest": ("planner.solving:minimise",),
     "solve: spectral evaluations": ("planner.solvers.spectral_problem:SpectralProblem.evaluate",),
     "solve: spectral derivatives": (
         "planner.solvers.spectral_problem:SpectralProblem.normal_equations",
         "planner.solvers.spectral_problem:SpectralProblem.curvature",
-        "planner.solvers.spectral:newton_terms",
+        "planner.solvers.spectral:torque_curvature",
     ),
     "solve: costates and mesh": (
         "planner.solving:warm_start",
@@ -48,6 +48,9 @@ PHASES: dict[str, tuple[str, ...]] = {
     "solve: linear algebra": (
         "scipy.integrate._bvp:splu",
         "scipy.integrate._bvp:construct_global_jac",
+        "planner.solvers.spectral:reduce_model",
+        "planner.solvers.spectral:newton_step",
+        "planner.solvers.spectral:trust_region_step",
         "scipy.linalg:cho_factor",
         "scipy.linalg:cho_solve",
         "scipy.linalg:solve",
