@@ -14,7 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mechanisms import Mechanism, difference, differences, random_states, relative_error
 
-from planner.constrained_dynamics import Linearization, Motion, inverse_derivatives, linearize
+from planner.constrained_dynamics import (
+    Linearization,
+    Motion,
+    inverse_derivatives,
+    linearize,
+    linearize_multiplier,
+)
 from planner.forces import hand_forces
 
 ACCURACY = 1e-7
