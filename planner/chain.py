@@ -190,28 +190,34 @@ class ClosedChain:
         )
         return result
 
+    @cached_property
+    def _position_rows(self) -> np.ndarray:
+        linear = np.eye(3) if self.normal is None else across(self.normal)
+        return np.hstack([linear, np.zeros_like(linear)])
+
+    @cached_property
+    def _pose_rows(self) -> np.ndarray:
+        angular = np.eye(3) if self.normal is None else self.normal[None, :]
+        turning = np.hstack([np.zeros_like(angular), angular])
+        return np.vstack([self._position_rows, turning])
+
     def task_rows(self, orientation: bool) -> np.ndarray:
         """Returns rows that select the prescribed part of the object's twist, (r, 6).
 
         Args:
             orientation: Whether the orientation is prescribed besides the position.
         """
-        linear, angular = np.eye(3), np.eye(3)
-        if self.normal is not None:
-            linear, angular = across(self.normal), self.normal[None, :]
-        rows = [np.hstack([linear, np.zeros_like(linear)])]
-        if orientation:
-            rows.append(np.hstack([np.zeros_like(angular), angular]))
-        return np.vstack(rows)
+        return self._pose_rows if orientation else self._position_rows
 
     def close(
-        self, guess: np.ndarray, dependent: np.ndarray
+        self, guess: np.ndarray, dependent: np.ndarray, tolerance: float = CLOSURE_TOLERANCE
     ) -> tuple[np.ndarray, Placements, np.ndarray]:
         """Returns phi: the dependent joints moved until the chain is closed, by Newton's method.
 
         Args:
             guess: Postures near closure, (K, N) [rad].
             dependent: Indices of the m joints that may move, (m,).
+            tolerance: Bound on the gap [m, rad].
 
         Returns:
             The closed postures, their placements, and which of them are closed, (K,). Postures
@@ -223,7 +229,7 @@ class ClosedChain:
         for _ in range(_MAX_NEWTON_STEPS):
             size = np.max(np.abs(error), axis=1, initial=0.0)
             with np.errstate(invalid="ignore"):
-                closed = size < CLOSURE_TOLERANCE
+                closed = size < tolerance
             open_ = np.flatnonzero(~closed & np.isfinite(size))
             if not len(open_):
                 break
@@ -240,7 +246,7 @@ class ClosedChain:
             q[open_], error[open_] = moved, np.where(stuck[:, None], 0.0, new_error)
             _put(at, open_, new)
         size = np.max(np.abs(error), axis=1, initial=0.0)
-        return q, at, size < 100.0 * CLOSURE_TOLERANCE
+        return q, at, size < 100.0 * tolerance
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

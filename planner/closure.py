@@ -84,13 +84,13 @@ class Loop:
     def force_jacobian(self, multiplier: np.ndarray) -> np.ndarray:
         """Returns d(Gamma' multiplier)/dq, (K, N, N): row j, derivative along joint k."""
         wrench = self.wrench(multiplier)
-        force, moment = wrench[:, None, None, :3], wrench[:, None, None, 3:]
-        l_j, w_j = self.linear[:, :, None, :], self.angular[:, :, None, :]
-        l_k, w_k = self.linear[:, None, :, :], self.angular[:, None, :, :]
+        force, moment = wrench[:, None, :3], wrench[:, None, 3:]
         place = np.arange(len(self.order))
         inner = (place[None, :] <= place[:, None])[None, :, :]
-        turned = (cross(w_k, l_j) * force).sum(-1) + (cross(w_k, w_j) * moment).sum(-1)
-        moved = (cross(w_j, l_k) * force).sum(-1)
+        # (w_k x l_j) F = w_k (l_j x F), and likewise for the others
+        arms = cross(self.linear, force) + cross(self.angular, moment)
+        turned = arms @ transpose(self.angular)
+        moved = cross(force, self.angular) @ transpose(self.linear)
         result = np.empty_like(turned)
         result[:, self.order[:, None], self.order[None, :]] = np.where(inner, turned, moved)
         return result

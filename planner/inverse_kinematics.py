@@ -55,23 +55,33 @@ def pose_error(
 def _system(
     chain: ClosedChain, q: np.ndarray, position: np.ndarray, rotation: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns task and closure errors and their Jacobian, (K, R) and (K, R, N).
-
-    Planar mechanisms keep the rows across their plane, so that an offset there is seen.
-    """
+    """Returns task and closure errors and their Jacobian, (K, r + m) and (K, r + m, N)."""
     at = chain.dynamics.placements(q)
-    offset = chain.offset(at)
-    loop, task = chain.loop(at), chain.object_jacobian(at)
-    task_error = pose_error(chain, at, position, rotation)
-    if chain.normal is not None:
-        normal = chain.grasp_pose(at)[1]
-        across = matvec(transpose(normal), np.broadcast_to(chain.normal, (len(q), 3)))
-        lift = (offset[:, :3] * across).sum(-1, keepdims=True)
-        error = np.concatenate([task_error, offset @ chain.pair.blocked.T, lift], axis=1)
-        rows = [task[:, : task_error.shape[1]], loop.jacobian(), np.zeros((len(q), 1, chain.n))]
-        return error, np.concatenate(rows, axis=1)
-    error = np.concatenate([task_error, offset @ chain.pair.blocked.T], axis=1)
-    return error, np.concatenate([task[:, : task_error.shape[1]], loop.jacobian()], axis=1)
+    error = pose_error(chain, at, position, rotation)
+    rows = chain.task_rows(rotation is not None)
+    task = chain.object_jacobian(at)
+    jacobian = np.concatenate([rows @ task, chain.closure_columns(at, np.arange(chain.n))], axis=1)
+    return np.concatenate([error @ rows[:, : error.shape[1]].T, chain.gap(at)], axis=1), jacobian
+
+
+def _off_plane(chain: ClosedChain, q: np.ndarray, position: np.ndarray) -> float:
+    """Returns how far a planar mechanism holds the object from where it cannot move it [m]."""
+    if chain.normal is None:
+        return 0.0
+    at = chain.dynamics.placements(q[None])
+    apart = chain.right_tip(at)[0] - chain.grasp_pose(at)[0]
+    lift = chain.object_pose(at)[0] - position
+    return float(np.max(np.abs(np.concatenate([apart, lift]) @ chain.normal)))
+
+
+def _newton_step(jacobian: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Returns the least joint steps that cancel the errors to first order, (K, N)."""
+    if jacobian.shape[-1] == jacobian.shape[-2]:
+        try:
+            return -np.linalg.solve(jacobian, error[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            pass
+    return -matvec(np.linalg.pinv(jacobian, rcond=1e-8), error)
 
 
 def find_posture(
@@ -162,19 +172,22 @@ def _newton(
         error, jacobian = (
             part[0] for part in _system(chain, q[None], pose.position, pose.rotation)
         )
-        inverse = np.linalg.pinv(jacobian[:, free], rcond=1e-8)
-        step = -inverse @ error
-        slide = np.zeros_like(step)
-        if redundant:
-            away = (reference - q)[free]
-            slide = away - inverse @ (jacobian[:, free] @ away)
         size = np.max(np.abs(error))
-        if size < TOLERANCE and np.max(np.abs(slide), initial=0.0) < 1e-9:
-            return q
-        move = step + slide
-        move *= min(1.0, 0.5 / max(np.max(np.abs(move)), 1e-300))
-        q[free] += move
-    return q if size < TOLERANCE else None
+        move, rest = np.zeros(chain.n), 0.0
+        if redundant or held.any():
+            inverse = np.linalg.pinv(jacobian[:, free], rcond=1e-8)
+            away = (reference - q)[free]
+            slide = away - inverse @ (jacobian[:, free] @ away) if redundant else 0.0 * away
+            rest = float(np.max(np.abs(slide), initial=0.0))
+            move[free] = slide - inverse @ error
+        else:
+            move = _newton_step(jacobian, error)
+        if size < TOLERANCE and rest < 1e-9:
+            break
+        q += move * min(1.0, 0.5 / max(np.max(np.abs(move)), 1e-300))
+    if not size < TOLERANCE or _off_plane(chain, q, pose.position) > 1e-9:
+        return None
+    return q
 
 
 def branch(chain: ClosedChain, q: np.ndarray) -> tuple[int, ...]:
@@ -214,7 +227,7 @@ def follow_poses(
         if np.max(size) < 1e-9:
             jumps = np.max(np.abs(np.diff(q, axis=0)), axis=1)
             return q if np.max(jumps) < 0.5 + 4.0 * np.median(jumps) else None
-        step = -matvec(np.linalg.pinv(jacobian, rcond=1e-8), error)
+        step = _newton_step(jacobian, error)
         largest = np.max(np.abs(step), axis=1, keepdims=True)
         q[inner] += step * np.minimum(1.0, 0.3 / np.maximum(largest, 1e-300))
     return None

@@ -185,7 +185,7 @@ def main(
     joints: Annotated[list[int] | None, typer.Option(help="joints of each arm in growth")] = None,
     plot: Annotated[Path | None, typer.Option(help="picture to write")] = None,
     compiled: Annotated[
-        str, typer.Option(help='also compile the peers\' functions, e.g. "-O2": takes minutes')
+        str, typer.Option(help='also compile the peers\' functions, e.g. "-O1": takes minutes')
     ] = "",
 ) -> None:
     """Times this planner against CasADi (IPOPT, fatrop) and plain solve_bvp."""

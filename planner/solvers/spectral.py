@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from scipy.interpolate import CubicSpline
 
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
@@ -158,7 +159,7 @@ def resolution(problem: SpectralProblem, point: Point) -> float:
 
 
 def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None:
-    """Returns the first iterate: the plainest polynomial, or what is nearest to given curves."""
+    """Returns the first iterate: nearest to given curves or the guess, or else the plainest."""
     transport = problem.transport
     independent = transport.joints.independent
     ends: list[EndValues] = []
@@ -169,20 +170,14 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
             y = problem.ends.retract(index, near)[0]
         ends.append(problem.ends.values(index, y[None])[0])
     both = ends[0], ends[1]
-    candidates = [np.zeros(problem.size)]
+    u = problem.nodes.u
     if curves is not None:
-        u = problem.nodes.u
-        candidates.insert(0, problem.project(both, curves.y(u), curves.multiplier(u)))
-    else:
-        guess = np.array(
-            [np.interp(problem.nodes.u, transport.share, joint) for joint in transport.guess.T]
-        ).T[:, independent]
-        candidates.append(problem.project(both, guess, None))
-    for x in candidates:
-        point = problem.evaluate(x, both)
+        point = problem.evaluate(problem.project(both, curves.y(u), curves.multiplier(u)), both)
         if point is not None:
             return point
-    return None
+    path = CubicSpline(transport.share, transport.guess[:, independent])(u)
+    point = problem.evaluate(problem.project(both, path, None), both)
+    return point or problem.evaluate(np.zeros(problem.size), both)
 
 
 def _descend(

@@ -20,6 +20,7 @@ from planner.vectors import matvec
 _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
 _OVERSAMPLING = 1.7
+_CLOSURE = 1e-10  # m, rad: while the motion still changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +185,7 @@ class SpectralProblem:
         else:
             guess = near.q + matvec(near.s, y - near.q[:, joints.independent])
             guess[:, joints.independent] = y
-            q, at, closed = chain.close(guess, joints.dependent)
+            q, at, closed = chain.close(guess, joints.dependent, _CLOSURE)
         if not closed.all():
             return None
         freedoms = tangent(chain, joints, q, at)

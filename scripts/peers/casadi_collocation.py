@@ -8,6 +8,8 @@ of the same kind. The order is that of Gauss collocation, 2d; Hessians are exact
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 import time
 from dataclasses import dataclass, field
 from typing import Any
@@ -80,7 +82,11 @@ class Collocation:
         given = solver_options(solver, tolerance, scheme, rows.numel()) | (options or {})
         if compiled:
             given |= {"jit": True, "compiler": "shell", "jit_options": {"flags": [compiled]}}
-        self.function = ca.nlpsol("peer", solver, problem, given)
+        with contextlib.ExitStack() as stack:
+            if compiled:  # generated code is written to the current folder
+                folder = stack.enter_context(tempfile.TemporaryDirectory())
+                stack.enter_context(contextlib.chdir(folder))
+            self.function = ca.nlpsol("peer", solver, problem, given)
         self.build_seconds = time.perf_counter() - began
         self.rows = rows.numel()
 

@@ -97,7 +97,9 @@ class Chooser:
     def casadi(self, solver: SolverName, accuracy: float, compiled: str = "") -> list[Contestant]:
         """Returns the settings that solve fastest, and that build and solve fastest."""
         trials: list[tuple[Contestant, Timing]] = []
-        grids = sorted(self.grids(accuracy), key=lambda grid: grid[0] * grid[1])[:4]
+        grids = sorted(self.grids(accuracy), key=lambda grid: grid[0] * grid[1])[
+            : 1 if compiled else 4
+        ]
         for intervals, degree in grids:
             for lifted, scalar in KINDS[solver]:
                 if compiled and not scalar:
