@@ -9,6 +9,8 @@ from planner.chain import ClosedChain
 from planner.constrained_dynamics import Joints, Tangent, tangent
 from planner.equation_of_motion import Placements
 
+_PROPOSALS = 6
+
 
 def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
     """Returns the choice of dependent joints that stays best conditioned along a path.
@@ -22,7 +24,7 @@ def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
     """
     gamma = chain.loop(chain.dynamics.placements(path)).jacobian()
     proposals: dict[tuple[int, ...], float] = {}
-    for jacobian in gamma[:: max(1, len(gamma) // 12)]:
+    for jacobian in gamma[:: max(1, len(gamma) // _PROPOSALS)]:
         pivots = scipy.linalg.qr(jacobian, mode="r", pivoting=True)[1]
         dependent = tuple(sorted(int(pivot) for pivot in pivots[: chain.m]))
         if dependent not in proposals:

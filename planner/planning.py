@@ -28,6 +28,7 @@ def plan(
     *,
     progress: ProgressCallback | None = None,
     chain: ClosedChain | None = None,
+    start: Plan | None = None,
 ) -> Plan | Failure:
     """Plans how both arms carry the object.
 
@@ -35,6 +36,8 @@ def plan(
         scenario: What is asked, from `planner.load`.
         progress: Called once per mesh refinement.
         chain: The scenario's closed chain if it was built before, to save reading the URDFs.
+        start: Plan of a similar task of the same arms, to start from: another object, goal or
+            duration.
 
     Returns:
         The plan, or a named failure with its reason and a remedy; `unwrap()` gives the plan or
@@ -45,10 +48,10 @@ def plan(
     """
     began = time.perf_counter()
     chain = chain or build_chain(scenario)
-    transport = make_transport(scenario, chain)
+    transport = make_transport(scenario, chain, near=None if start is None else start.q)
     if scenario.criterion.kind == "jerk":
         return _least_jerk(scenario, transport, began)
-    solution = solve(scenario, transport, progress=progress)
+    solution = solve(scenario, transport, progress=progress, start=start)
     if isinstance(solution, Failure):
         return solution
     result = sample(scenario, solution)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +47,8 @@ class Solution:
         mesh: Shares of the duration between which the solution is one polynomial, (M,).
         states: Gives states and costates (K, 2 * state_size) at shares (K,).
         cost: The criterion's value.
-        residual: Largest relative residual of the differential equations.
+        known_residual: Largest relative residual of the differential equations as the method
+            measured it; None where it is still to be measured.
         iterations: Newton iterations.
         refinements: Progress of the solve.
         seconds: Time that the solve took [s].
@@ -58,12 +61,25 @@ class Solution:
     mesh: np.ndarray
     states: Callable[[np.ndarray], np.ndarray]
     cost: float
-    residual: float
+    known_residual: float | None
     iterations: int
     refinements: tuple[Refinement, ...]
     seconds: float
     remarks: tuple[str, ...] = field(default=())
-    evidence: dict[str, float] = field(default_factory=dict)
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest relative residual of the differential equations, in scaled states."""
+        if self.known_residual is not None:
+            return self.known_residual
+        middle = 0.5 * (self.mesh[1:] + self.mesh[:-1])
+        step = 1e-3 * np.min(np.diff(self.mesh))
+        ahead, behind = self.states(middle + step), self.states(middle - step)
+        true = self.problem.scaled((ahead - behind) / (2.0 * step))
+        slope = self.problem.right_side(middle, self.problem.scaled(self.states(middle)))
+        off = ((slope - true) ** 2).sum(axis=0) / (1.0 + slope**2).sum(axis=0)
+        return float(np.sqrt(np.max(off)))
 
     def evaluate(self, share: np.ndarray) -> tuple[np.ndarray, Evaluation]:
         """Returns states and costates, and their evaluation, at shares of the duration, (K,)."""

@@ -8,7 +8,7 @@ tried as a start, and then a continuation from an easier task.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,17 +17,21 @@ from planner.criteria import make_criterion
 from planner.outcome import Failure, failure
 from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import one_blas_thread, solve_collocation
+from planner.solvers.multistart import best_of_starts
+from planner.solvers.nearby import curves_of_plan, fit_curves, with_better_joints
 from planner.solvers.spectral import SpectralResult, minimise
 from planner.solvers.warm_start import spectral_solution, warm_start
 from planner.transport import Transport
 
 if TYPE_CHECKING:
+    from planner.result import Plan
     from planner.scenario import Scenario
     from planner.solvers.spectral_problem import Curves
 
 __all__ = ["solve"]
 
 _AGREEMENT = 1e-3
+_SINGULAR = 1e6
 
 
 def solve(
@@ -35,7 +39,7 @@ def solve(
     transport: Transport,
     *,
     progress: ProgressCallback | None = None,
-    start: Curves | None = None,
+    start: Plan | None = None,
 ) -> Solution | Failure:
     """Returns the optimal motion with its costates, or how the solve ended without one.
 
@@ -43,7 +47,10 @@ def solve(
         scenario: What is asked; its solver section chooses the method.
         transport: The motion to be planned.
         progress: Called once per iteration or mesh.
-        start: Curves of a motion nearby, from which the spectral method starts.
+        start: Plan of a similar task, from which the spectral method starts.
+
+    Raises:
+        InputError: The plan to start from is of other arms.
     """
     from planner.solvers.continuation import solve_by_continuation
     from planner.solvers.shooting import solve_shooting
@@ -51,10 +58,30 @@ def solve(
     with one_blas_thread():
         if scenario.solver.method == "shooting":
             return solve_shooting(make_problem(scenario, transport), scenario, progress=progress)
-        found = solve_directly(scenario, transport, progress=progress, start=start)
+        curves = None if start is None else curves_of_plan(transport, start)
+        found = solve_directly(scenario, transport, progress=progress, start=curves)
         if isinstance(found, Solution) or scenario.solver.start == "line":
             return found
-        return solve_by_continuation(scenario, transport, found, progress=progress)
+        found = solve_by_continuation(scenario, transport, found, progress=progress)
+        return found if isinstance(found, Solution) else _name_singularity(transport, found)
+
+
+def _name_singularity(transport: Transport, found: Failure) -> Failure:
+    """Returns the failure, named after the singularity that the guessed motion passes, if any."""
+    chain = transport.chain
+    gamma = chain.loop(chain.dynamics.placements(transport.guess)).jacobian()
+    values = np.linalg.svd(gamma, compute_uv=False)
+    condition = values[:, 0] / np.maximum(values[:, -1], 1e-300)
+    worst = int(np.argmax(condition))
+    if condition[worst] < _SINGULAR:
+        return found
+    return failure(
+        "singular-chain",
+        f"the closure is singular (condition {condition[worst]:.1e}) near t = "
+        f"{transport.share[worst] * transport.duration:.3f} s of the guessed motion",
+        found.scenario,
+        **found.evidence,
+    )
 
 
 def make_problem(
@@ -83,6 +110,48 @@ def solve_directly(
     result = minimise(
         transport, problem.criterion, problem.coordinates, start=start, progress=progress
     )
+    minima: dict[str, Any] = {}
+    if settings.starts > 1:
+        result, minima = best_of_starts(problem, result, settings.starts, settings.seed)
+    if result is not None:
+        transport, problem, result = _with_better_joints(
+            scenario, transport, problem, result, progress
+        )
+    found = _finish(scenario, transport, problem, result, progress)
+    if minima and isinstance(found, Solution):
+        found = replace(found, evidence=found.evidence | minima)
+    return found
+
+
+def _with_better_joints(
+    scenario: Scenario,
+    transport: Transport,
+    problem: BoundaryValueProblem,
+    result: SpectralResult,
+    progress: ProgressCallback | None,
+) -> tuple[Transport, BoundaryValueProblem, SpectralResult]:
+    """Returns task, problem and result, with other independent joints where they help clearly."""
+    u, point = result.problem.nodes.u, result.point
+    better = with_better_joints(transport, u, point.torques.tangent.q)
+    if better is None:
+        return transport, problem, result
+    problem = make_problem(scenario, better)
+    start = fit_curves(better, u, point.torques.tangent.q, point.multiplier)
+    again = minimise(better, problem.criterion, problem.coordinates, start=start, progress=progress)
+    if again is None or (result.converged and not again.converged):
+        return transport, make_problem(scenario, transport), result
+    return better, problem, again
+
+
+def _finish(
+    scenario: Scenario,
+    transport: Transport,
+    problem: BoundaryValueProblem,
+    result: SpectralResult | None,
+    progress: ProgressCallback | None,
+) -> Solution | Failure:
+    """Returns the confirmed spectral result, or what can be had where there is none."""
+    settings = scenario.solver
     redundant = transport.chain.p > transport.chain.r
     if redundant and scenario.criterion.speed_cost == "auto" and not _converged(result):
         return _with_speed_cost(scenario, transport, problem, result, progress)

@@ -74,8 +74,16 @@ class Transport:
     straight: bool
 
 
-def make_transport(scenario: Scenario, chain: ClosedChain) -> Transport:
+def make_transport(
+    scenario: Scenario, chain: ClosedChain, *, near: np.ndarray | None = None
+) -> Transport:
     """Returns the motion that a scenario asks for.
+
+    Args:
+        scenario: The scenario.
+        chain: Its closed chain.
+        near: Postures of a motion of the same arms, evenly spaced in time, (K, N) [rad], whose
+            ends and path serve as guess; None for the straight line.
 
     Raises:
         UnreachableError: Start or goal cannot be reached.
@@ -83,23 +91,33 @@ def make_transport(scenario: Scenario, chain: ClosedChain) -> Transport:
     """
     reference = reference_posture(scenario, chain)
     start_pose, goal_pose = (_pose(scenario, end) for end in ("start", "goal"))
+    if near is not None and near.shape[1:] != (chain.n,):
+        near = None  # of other arms: whoever asked for it is told so later
+    held = scenario.task.posture == "start"
     start_q = find_posture(
-        chain, start_pose, reference, "task.start.xyz", random_seed=scenario.solver.seed
+        chain,
+        start_pose,
+        reference if near is None or held else near[0],
+        "task.start.xyz",
+        random_seed=scenario.solver.seed,
     )
     redundant = chain.p > chain.r
     goal_q = find_posture(
         chain,
         goal_pose,
-        start_q if redundant else reference,
+        near[-1] if near is not None else (start_q if redundant else reference),
         "task.goal.xyz",
         seeds=[start_q],
         random_seed=scenario.solver.seed,
     )
-    start = _end(
-        scenario, chain, "start", start_pose, start_q, held=scenario.task.posture == "start"
-    )
+    start = _end(scenario, chain, "start", start_pose, start_q, held=held)
     goal = _end(scenario, chain, "goal", goal_pose, goal_q, held=False)
-    share, guess, straight = straight_line(chain, start, goal, scenario.task.duration)
+    line = None if near is None else shifted(chain, start_q, goal_q, near)
+    straight = line is None
+    if line is None:
+        share, guess, straight = straight_line(chain, start, goal, scenario.task.duration)
+    else:
+        share, guess = line
     return Transport(
         chain=chain,
         joints=choose_joints(chain, guess),
@@ -196,6 +214,28 @@ def straight_line(
     joints = choose_joints(chain, np.array([start.posture, goal.posture]))
     closed, _, good = chain.close(mixed, joints.dependent)
     return share, (closed if good.all() else mixed), False
+
+
+def shifted(
+    chain: ClosedChain, start: np.ndarray, goal: np.ndarray, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Returns shares and closed postures of a known motion moved to other ends.
+
+    None if it cannot be closed there.
+
+    Args:
+        chain: The closed chain.
+        start: Start posture, (N,).
+        goal: Goal posture, (N,).
+        near: The known motion, evenly spaced in time, (K, N).
+    """
+    every = np.unique(np.linspace(0, len(near) - 1, SAMPLES).astype(int))
+    share = every / (len(near) - 1)
+    path = near[every]
+    path = path + (1.0 - share[:, None]) * (start - path[0]) + share[:, None] * (goal - path[-1])
+    joints = choose_joints(chain, path)
+    closed, _, good = chain.close(path, joints.dependent)
+    return (share, closed) if good.all() else None
 
 
 def _pose(scenario: Scenario, end: str) -> ObjectPose:

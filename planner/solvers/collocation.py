@@ -146,7 +146,7 @@ def solve_collocation(
         mesh=found.x,
         states=states,
         cost=integrate_cost(problem, found.x, states),
-        residual=residual,
+        known_residual=residual,
         # every mesh takes one call before its first step and one after its last
         iterations=problem.boundary_calls - 2 * len(reader.seen),
         refinements=tuple(reader.seen),

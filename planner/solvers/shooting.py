@@ -212,7 +212,7 @@ def solve_shooting(
         mesh=mesh,
         states=states,
         cost=integrate_cost(problem, mesh, states),
-        residual=found.residual,
+        known_residual=found.residual,
         iterations=found.iterations,
         refinements=(),
         seconds=time.perf_counter() - began,

@@ -172,7 +172,7 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
     both = ends[0], ends[1]
     u = problem.nodes.u
     if curves is not None:
-        point = problem.evaluate(problem.project(both, curves.y(u), curves.multiplier(u)), both)
+        point = problem.evaluate(problem.carry_over(curves), both)
         if point is not None:
             return point
     path = CubicSpline(transport.share, transport.guess[:, independent])(u)

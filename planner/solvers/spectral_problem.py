@@ -336,6 +336,33 @@ class SpectralProblem:
             result[places[1]] = found.ravel()
         return result
 
+    def carry_over(self, curves: Curves) -> np.ndarray:
+        """Returns the unknowns of given curves: what is left of them beside their own ends.
+
+        Other ends then bend the motion as little as their polynomial does, instead of in haste.
+        """
+        ends = np.array([0.0, 1.0])
+        orders = range(max(self.motion_basis.ends))
+        values = [curves.y(ends, order) for order in orders]
+        own = [
+            values[order][index]
+            for index in (0, 1)
+            for order in range(self.motion_basis.ends[index])
+        ]
+        force_values = curves.multiplier(ends)
+        own_force = [force_values[index] for index in (0, 1) if self.force_basis.ends[index]]
+        u, root = self.nodes.u, np.sqrt(self.nodes.weights)[:, None]
+        places, result = self.places, np.zeros(self.size)
+        for place, basis_values, carried, wanted in (
+            (places[0], self.phi[0], own, curves.y(u)),
+            (places[1], self.psi, own_force, curves.multiplier(u)),
+        ):
+            skip = len(carried)
+            rest = wanted - (basis_values[:, :skip] @ np.array(carried) if skip else 0.0)
+            free = root * basis_values[:, skip:]
+            result[place] = np.linalg.lstsq(free, root * rest, rcond=None)[0].ravel()
+        return result
+
     def moved(self, point: Point, move: np.ndarray) -> Point | None:
         """Returns the iterate after a step in the unknowns; None where it cannot be closed."""
         ends = []

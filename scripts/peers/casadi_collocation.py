@@ -81,7 +81,8 @@ class Collocation:
         problem = {"x": ca.vertcat(*program.variables), "f": program.cost, "g": rows}
         given = solver_options(solver, tolerance, scheme, rows.numel()) | (options or {})
         if compiled:
-            given |= {"jit": True, "compiler": "shell", "jit_options": {"flags": [compiled]}}
+            given |= {"jit": True, "jit_cleanup": False, "compiler": "shell"}
+            given["jit_options"] = {"flags": [compiled], "cleanup": False}
         with contextlib.ExitStack() as stack:
             if compiled:  # generated code is written to the current folder
                 folder = stack.enter_context(tempfile.TemporaryDirectory())

@@ -11,6 +11,7 @@ from statistics import median
 from peers.casadi_collocation import Collocation
 from peers.casadi_scheme import Scheme, SolverName
 from peers.plain_bvp import PlainProblem
+from peers.profiling import pinocchio_seconds, profiled
 from peers.task import Task, read_task
 from planner import planning
 from planner.chain import ClosedChain
@@ -56,11 +57,13 @@ class Contestant:
         method: Name.
         setting: What was chosen for it.
         run: Runs it once.
+        floor: Gives the time of the solve's Pinocchio calls with nothing around them [s].
     """
 
     method: str
     setting: str
     run: Callable[[], Run]
+    floor: Callable[[], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,7 @@ class Timing:
         run: Medians.
         error: Relative error of the cost.
         count: Number of runs.
+        floor: Time of the solve's Pinocchio calls alone [s]; 0 where there are none.
     """
 
     method: str
@@ -80,6 +84,7 @@ class Timing:
     run: Run
     error: float
     count: int
+    floor: float = 0.0
 
 
 def planner_contestant(scenario: Scenario, chain: ClosedChain) -> Contestant:
@@ -105,8 +110,12 @@ def planner_contestant(scenario: Scenario, chain: ClosedChain) -> Contestant:
             whole=ended - solved,
         )
 
+    def floor() -> float:
+        transport = make_transport(scenario, chain)
+        return pinocchio_seconds(profiled(lambda: planning.solve(scenario, transport), 1).calls)
+
     name = "planner, certified" if solver.method == "collocation" else f"planner, {solver.method}"
-    return Contestant(name, f"tolerance {solver.tolerance:.0e}", run)
+    return Contestant(name, f"tolerance {solver.tolerance:.0e}", run, floor)
 
 
 def casadi_contestant(
@@ -191,7 +200,10 @@ def measure(
                 seen[place].clear()
             seen[place].append(contestant.run())
     return [
-        summary(contestant, results, reference)
+        replace(
+            summary(contestant, results, reference),
+            floor=contestant.floor() if contestant.floor and results[-1].solved else 0.0,
+        )
         for contestant, results in zip(contestants, seen, strict=True)
     ]
 

@@ -156,16 +156,14 @@ class _Watch:
         return wrapped
 
 
-def profiled(scenario: Any, runs: int) -> Profile:
-    """Returns the profile of planning a scenario, the mean of some runs after one that warms up."""
-    import planner
-
-    planner.plan(scenario)
+def profiled(action: Callable[[], object], runs: int) -> Profile:
+    """Returns the profile of an action, the mean of some runs after one that warms up."""
+    action()
     with _watching() as watch:
         watch.switch()
         watch.seconds.clear()
         for _ in range(runs):
-            planner.plan(scenario)
+            action()
         watch.switch()
     names = [*PHASES, REST]
     phases = tuple(

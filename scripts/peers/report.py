@@ -88,11 +88,12 @@ def show_case(console: Console, title: str, accuracy: float, timings: Sequence[T
     """Prints one problem at one accuracy, ratios against this planner's certified plan."""
     table = Table(
         title=f"{title}, cost to {accuracy:.0e}: medians of {timings[0].count} runs",
-        caption="times in ms; total: start + build + solve; plan: the whole call, with checks",
+        caption="times in ms; floor: the solve's Pinocchio calls alone; "
+        "total: start + build + solve; plan: the whole call, with checks",
     )
     table.add_column("method")
     table.add_column("setting")
-    for name in ("start", "build", "solve", "total", "plan", "error", "it"):
+    for name in ("start", "build", "solve", "floor", "total", "plan", "error", "it"):
         table.add_column(name, justify="right")
     known = [name for name in PLANNERS if any(timing.method == name for timing in timings)]
     for name in known:
@@ -106,6 +107,7 @@ def show_case(console: Console, title: str, accuracy: float, timings: Sequence[T
             milliseconds(run.start),
             milliseconds(run.build) if run.build else "",
             milliseconds(run.solve),
+            milliseconds(timing.floor) if timing.floor else "",
             milliseconds(run.total),
             milliseconds(run.whole) if run.whole else "",
             f"{timing.error:.0e}" if run.solved else "not solved",
@@ -166,6 +168,7 @@ def draw(report: Report, path: Path) -> None:
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
 
     titles = list(dict.fromkeys(title for title, _, _ in report.cases))
     growth = [
@@ -198,12 +201,16 @@ def draw(report: Report, path: Path) -> None:
                 label=f"{one.method} (exponent {one.exponent:.1f})",
             )
         ax.set(title=name, xlabel=label, ylabel="solve [ms]")
+        ax.set_xticks(sorted(series[0].sizes), [str(size) for size in sorted(series[0].sizes)])
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.legend(fontsize=7)
     for ax in axes[:count]:
         ax.grid(alpha=0.3, which="both")
     for ax in axes[count:]:
         ax.set_visible(False)
-    figure.supxlabel(machine(), fontsize=7)
+    if titles:
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle(machine(), fontsize=7)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
@@ -233,4 +240,3 @@ def _draw_case(ax: Any, title: str, report: Report) -> None:
         )
     ax.invert_xaxis()
     ax.set(title=title, xlabel="relative error of the cost", ylabel="time from the start [ms]")
-    ax.legend(fontsize=6)

@@ -1,0 +1,48 @@
+"""Several starts: the spectral method from random motions around the guess, minima by cost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from planner.boundary_value_problem import BoundaryValueProblem
+from planner.solvers.nearby import detour
+from planner.solvers.spectral import SpectralResult, minimise
+
+_SAME = 1e-4  # relative cost by which two minima count as one
+_SIZE = 0.5  # rad
+
+
+def best_of_starts(
+    problem: BoundaryValueProblem, first: SpectralResult | None, starts: int, seed: int
+) -> tuple[SpectralResult | None, dict[str, Any]]:
+    """Returns the cheapest result of several starts, and all local minima by cost.
+
+    Args:
+        problem: The problem; its coordinates remember the best motion.
+        first: The result of the plain start, which counts as one.
+        starts: Number of starts, the plain one included.
+        seed: Seed of the random motions.
+    """
+    generator = np.random.default_rng(seed)
+    found = [] if first is None else [first]
+    transport = problem.transport
+    for _ in range(starts - 1):
+        problem.coordinates.remember(transport.share, transport.guess)
+        start = detour(transport, generator, _SIZE)
+        result = minimise(transport, problem.criterion, problem.coordinates, start=start)
+        if result is not None:
+            found.append(result)
+    good = sorted((one for one in found if one.converged), key=lambda one: one.cost)
+    if not good:
+        return first, {}
+    minima: list[dict[str, float]] = []
+    for one in good:
+        if minima and one.cost - minima[-1]["cost"] <= _SAME * abs(one.cost):
+            minima[-1]["starts"] += 1
+        else:
+            minima.append({"cost": one.cost, "starts": 1})
+    best = good[0]
+    problem.coordinates.remember(best.problem.nodes.u, best.point.torques.tangent.q)
+    return best, {"local_minima": minima, "starts_converged": len(good), "starts": starts}
