@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -326,20 +326,10 @@ def build_chain(scenario: Scenario) -> ClosedChain:
             source=scenario.path,
             key="grasp.pair",
             value=scenario.grasp.pair,
-            remedy="use a pair with more freedoms, arms with more joints, or leave out "
-            "start.rpy and goal.rpy",
+            remedy="use a pair with more freedoms or arms with more joints"
+            + (", or leave out start.rpy and goal.rpy" if chain.orientation else ""),
         )
     return chain
-
-
-def with_mass(chain: ClosedChain, mass: float) -> ClosedChain:
-    """Returns the same chain with another mass of the object [kg], its inertia scaled along."""
-    scale = mass / chain.body.mass if chain.body.mass > 0.0 else 1.0
-    body = replace(chain.body, mass=mass, inertia=chain.body.inertia * scale)
-    model, left_joint, right_joint = _join(chain.left, chain.right)
-    model.gravity.linear = chain.gravity
-    model.appendBodyToJoint(left_joint, body.as_inertia(), chain.object_in_left)
-    return replace(chain, body=body, dynamics=EquationOfMotion(model, left_joint, right_joint))
 
 
 def _grasp(scenario: Scenario, side: Side) -> pin.SE3:

@@ -16,6 +16,7 @@ def scenario_remarks(scenario: Scenario) -> tuple[str, ...]:
     """
     return (
         *_torques_that_do_not_apply(scenario),
+        *_torques_that_let_fall(scenario),
         *_costs_that_do_not_apply(scenario),
         *_postures_that_are_missing(scenario),
     )
@@ -46,6 +47,23 @@ def _torques_that_do_not_apply(scenario: Scenario) -> list[str]:
     return [
         f"{' and '.join(given)} {verb} not apply: with the criterion {scenario.criterion.kind} "
         "the torques at both ends follow from the motion"
+    ]
+
+
+def _torques_that_let_fall(scenario: Scenario) -> list[str]:
+    if not torque_is_state(scenario) or not any(scenario.world.gravity):
+        return []
+    ends = [
+        f"boundary.{end}"
+        for end in ("start", "goal")
+        if getattr(scenario.boundary, end).torque == "zero"
+    ]
+    if not ends:
+        return []
+    return [
+        f"{' and '.join(ends)} {'asks' if len(ends) == 1 else 'ask'} for zero torque although "
+        "gravity acts: unless it acts across the arms' plane, nothing holds them there; static, "
+        "rest or a preload do"
     ]
 
 

@@ -104,7 +104,7 @@ def solve_directly(
 ) -> Solution | Failure:
     """Returns the solution without continuation: spectral and confirmed, or from the line."""
     settings = scenario.solver
-    if settings.start == "line":
+    if settings.start == "line" and settings.method != "spectral":
         return _from_line(scenario, transport, progress)
     problem = make_problem(scenario, transport)
     result = minimise(

@@ -1,0 +1,105 @@
+"""Polynomials with prescribed ends, and operators on Gauss nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from planner.solvers.basis import basis_at_nodes, gauss_nodes, make_basis
+
+ENDS = [(0, 0), (1, 0), (2, 2), (3, 2), (2, 3), (3, 3), (0, 1)]
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 17, 60])
+def test_quadrature_is_exact_up_to_degree_2k_minus_1(count: int) -> None:
+    nodes = gauss_nodes(count)
+    assert nodes.weights.sum() == pytest.approx(1.0, rel=1e-14)
+    for power in (0, count, 2 * count - 1):
+        assert nodes.weights @ nodes.u**power == pytest.approx(1.0 / (power + 1), rel=1e-12)
+    # and no further: the error at degree 2 K is the square of the nodes' polynomial
+    if count <= 5:
+        power = 2 * count
+        assert nodes.weights @ nodes.u**power != pytest.approx(1.0 / (power + 1), rel=1e-9)
+
+
+@pytest.mark.parametrize("count", [2, 9, 34])
+def test_differentiation_matrix_is_exact_on_polynomials(count: int) -> None:
+    nodes = gauss_nodes(count)
+    for power in (0, 1, count - 1):
+        wanted = power * nodes.u ** max(power - 1, 0)
+        assert np.max(np.abs(nodes.derivative @ nodes.u**power - wanted)) < 1e-10 * count**2
+
+
+@pytest.mark.parametrize("ends", ENDS)
+@pytest.mark.parametrize("degree", [7, 20, 44])
+def test_carrying_polynomials_take_the_end_values_and_the_free_ones_vanish_there(
+    ends: tuple[int, int], degree: int
+) -> None:
+    basis = make_basis(degree, *ends, 3)
+    assert basis.conditions == sum(ends)
+    assert basis.free == degree + 1 - sum(ends)
+    rows = [basis.values(np.array([0.0]), order) for order in range(ends[0])]
+    rows += [basis.values(np.array([1.0]), order) for order in range(ends[1])]
+    if not rows:
+        return
+    found = np.vstack(rows)
+    wanted = np.hstack([np.eye(basis.conditions), np.zeros((basis.conditions, basis.free))])
+    # a second derivative at an end is of the size degree^4
+    assert np.max(np.abs(found - wanted)) < 1e-13 * degree**4
+
+
+@pytest.mark.parametrize("smooth", [1, 3])
+@pytest.mark.parametrize("degree", [12, 40])
+def test_free_polynomials_are_orthonormal_in_their_derivative(smooth: int, degree: int) -> None:
+    basis = make_basis(degree, 2, 2, smooth)
+    nodes = gauss_nodes(degree + 1)
+    slopes = basis.values(nodes.u, smooth)[:, basis.conditions :]
+    products = slopes.T @ (nodes.weights[:, None] * slopes)
+    # up to the small share of their values that makes the measure definite
+    assert np.max(np.abs(products - np.eye(basis.free))) < 1e-3
+
+
+def test_free_polynomials_are_a_basis_where_their_derivative_sees_none_of_low_powers() -> None:
+    basis = make_basis(10, 0, 0, 3)
+    values = basis.values(gauss_nodes(11).u)
+    assert basis.free == 11
+    assert np.linalg.matrix_rank(values, tol=1e-9 * np.abs(values).max()) == 11
+
+
+@given(
+    st.sampled_from(ENDS),
+    st.lists(st.floats(-1, 1), min_size=9, max_size=9),
+)
+def test_every_polynomial_of_the_degree_is_on_the_basis(
+    ends: tuple[int, int], coefficients: list[float]
+) -> None:
+    curve = np.polynomial.Polynomial(coefficients, domain=[-1, 1])
+    basis = make_basis(8, *ends, 1)
+    u = np.linspace(0.0, 1.0, 30)
+    known = [curve.deriv(k)(0.0) if k else curve(0.0) for k in range(ends[0])]
+    known += [curve.deriv(k)(1.0) if k else curve(1.0) for k in range(ends[1])]
+    values = basis.values(u)
+    rest = curve(u) - values[:, : basis.conditions] @ np.array(known)
+    free = values[:, basis.conditions :]
+    found = np.linalg.lstsq(free, rest, rcond=None)[0]
+    assert np.max(np.abs(free @ found - rest)) < 1e-9
+
+
+@given(st.integers(0, 3))
+def test_derivatives_are_those_of_the_values(order: int) -> None:
+    basis = make_basis(9, 2, 1, 3)
+    step, u = 1e-3, np.array([0.2, 0.5, 0.77])
+    around = [basis.values(u + k * step, order) for k in (-2, -1, 1, 2)]
+    slope = (around[0] - 8 * around[1] + 8 * around[2] - around[3]) / (12 * step)
+    wanted = basis.values(u, order + 1)
+    assert np.max(np.abs(slope - wanted)) < 1e-7 * np.max(np.abs(wanted))
+
+
+def test_operators_at_the_nodes_are_kept() -> None:
+    first = basis_at_nodes(20, 2, 2, 3, 34, 3)
+    assert basis_at_nodes(20, 2, 2, 3, 34, 3) is first
+    u = gauss_nodes(34).u
+    for order, values in enumerate(first):
+        assert np.array_equal(values, make_basis(20, 2, 2, 3).values(u, order))

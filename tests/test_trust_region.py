@@ -1,0 +1,136 @@
+"""One step of the trust region, compared with brute force on problems of either curvature."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from planner.solvers.trust_region import Model, newton_step, reduce_model, trust_region_step
+
+
+def value(gradient: np.ndarray, hessian: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The quadratic model at steps, (..., size)."""
+    return step @ gradient + 0.5 * np.einsum("...i,ij,...j->...", step, hessian, step)
+
+
+def without_force(gradient: np.ndarray, hessian: np.ndarray, metric: np.ndarray) -> Model:
+    nothing = np.zeros(0, dtype=int)
+    return reduce_model(gradient, hessian, metric, np.arange(len(gradient)), nothing)
+
+
+def brute_force(
+    gradient: np.ndarray, hessian: np.ndarray, metric: np.ndarray, radius: float
+) -> float:
+    """Least model value on a disc |M d| <= radius of two unknowns, on a fine polar grid."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 4001)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    disc = np.linspace(0.0, radius, 401)[:, None, None] * ring
+    steps = np.linalg.solve(metric, disc.reshape(-1, 2).T).T
+    return float(np.min(value(gradient, hessian, steps)))
+
+
+numbers = st.floats(-3, 3).map(lambda number: round(number, 3))
+
+
+@given(
+    st.tuples(numbers, numbers),
+    st.tuples(numbers, numbers, numbers),
+    st.tuples(st.floats(0.3, 2), st.floats(-1, 1), st.floats(0.3, 2)),
+    st.floats(0.05, 4),
+)
+def test_the_step_is_the_best_of_the_disc(
+    gradient: tuple[float, ...],
+    curvature: tuple[float, ...],
+    root: tuple[float, ...],
+    radius: float,
+) -> None:
+    g = np.array(gradient)
+    hessian = np.array([[curvature[0], curvature[1]], [curvature[1], curvature[2]]])
+    metric = np.array([[root[0], root[1]], [0.0, root[2]]])
+    move, gain, length = trust_region_step(without_force(g, hessian, metric), radius)
+    best = brute_force(g, hessian, metric, radius)
+    scale = max(abs(best), 1e-9)
+    assert np.linalg.norm(metric @ move) == pytest.approx(length, rel=1e-8, abs=1e-12)
+    assert length <= 1.01 * radius
+    assert -gain == pytest.approx(float(value(g, hessian, move)), rel=1e-7, abs=1e-9 * scale)
+    # the radius is met to a part in a thousand, the grid's own error is below that
+    assert -gain <= best + 4e-3 * scale
+    assert -gain >= best - 2e-2 * scale
+
+
+def test_inside_the_radius_a_convex_model_takes_newtons_step() -> None:
+    generator = np.random.default_rng(1)
+    root = generator.normal(size=(6, 6))
+    hessian = root.T @ root + 0.1 * np.eye(6)
+    gradient = generator.normal(size=6)
+    newton = newton_step(gradient, hessian)
+    assert newton is not None
+    model = without_force(gradient, hessian, np.eye(6))
+    move, gain, length = trust_region_step(model, 1e3)
+    assert np.allclose(move, -np.linalg.solve(hessian, gradient), rtol=1e-9)
+    assert np.allclose(move, newton[0], rtol=1e-9)
+    assert gain == pytest.approx(newton[1], rel=1e-9)
+    assert length < 1e3
+
+
+def test_newtons_step_needs_a_convex_model() -> None:
+    assert newton_step(np.ones(2), np.diag([1.0, -0.1])) is None
+
+
+@pytest.mark.parametrize("curvature", [-2.0, -1e-3])
+@pytest.mark.parametrize("size", [1e-9, 1e-2, 5.0])
+def test_hard_case(curvature: float, size: float) -> None:
+    """No slope along the most negative curvature: no shift alone reaches the radius."""
+    hessian = np.diag([curvature, 1.0, 3.0])
+    gradient = np.array([0.0, size, -size])
+    radius = 20.0
+    move, gain, _ = trust_region_step(without_force(gradient, hessian, np.eye(3)), radius)
+    # Lagrange: with the shift -curvature the other two are known, the first fills the radius
+    rest = -gradient[1:] / (np.array([1.0, 3.0]) - curvature)
+    first = np.sqrt(radius**2 - rest @ rest)
+    wanted = -float(value(gradient, hessian, np.array([first, *rest])))
+    assert gain == pytest.approx(wanted, rel=1e-2)
+    assert np.linalg.norm(move) == pytest.approx(radius, rel=1e-2)
+    assert abs(move[0]) == pytest.approx(first, rel=1e-2)
+
+
+def test_at_a_saddle_point_the_step_leaves_along_negative_curvature() -> None:
+    hessian = np.diag([2.0, -1.0])
+    move, gain, length = trust_region_step(without_force(np.zeros(2), hessian, np.eye(2)), 0.5)
+    assert length == pytest.approx(0.5, rel=1e-3)
+    assert abs(move[1]) == pytest.approx(0.5, rel=1e-3)
+    assert gain == pytest.approx(0.5 * 0.5**2, rel=1e-2)
+
+
+def test_a_smaller_radius_never_gains_more() -> None:
+    generator = np.random.default_rng(3)
+    hessian = generator.normal(size=(5, 5))
+    model = without_force(generator.normal(size=5), hessian + hessian.T, np.eye(5))
+    gains = [trust_region_step(model, radius)[1] for radius in (0.1, 0.3, 1.0, 3.0, 10.0)]
+    assert all(low < high for low, high in zip(gains, gains[1:], strict=False))
+
+
+def test_the_multiplier_is_eliminated() -> None:
+    """For every motion the multiplier's step is the best one, whatever the motion's curvature."""
+    generator = np.random.default_rng(2)
+    motion, force = np.array([0, 2, 5]), np.array([1, 3, 4])
+    hessian = generator.normal(size=(6, 6))
+    hessian = hessian + hessian.T
+    hessian[np.ix_(force, force)] += 12.0 * np.eye(3)
+    gradient = generator.normal(size=6)
+    root = np.triu(generator.normal(size=(3, 3))) + 3.0 * np.eye(3)
+    model = reduce_model(gradient, hessian, root, motion, force)
+    assert model.values[0] < 0.0, "the example shall have negative curvature"
+    for radius in (0.1, 1.0, 10.0):
+        move, gain, length = trust_region_step(model, radius)
+        assert -gain == pytest.approx(float(value(gradient, hessian, move)), rel=1e-9)
+        assert np.linalg.norm(root @ move[motion]) == pytest.approx(length, rel=1e-9)
+        slope = gradient + hessian @ move
+        assert np.max(np.abs(slope[force])) < 1e-9
+        # first-order condition on the motion: the slope is antiparallel to M'M d
+        pull = root.T @ root @ move[motion]
+        shift = -(slope[motion] @ pull) / (pull @ pull)
+        assert np.max(np.abs(slope[motion] + shift * pull)) < 1e-8 * np.max(np.abs(slope[motion]))
+        assert shift >= -model.values[0] * (1.0 - 1e-9)
