@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
+from scipy.interpolate import CubicSpline
 
 from planner.chain import ClosedChain
 from planner.constrained_dynamics import Joints, Tangent, tangent
@@ -53,8 +54,7 @@ class Coordinates:
         """Starts from closed postures `path`, (K, N), at shares of the duration, (K,)."""
         self.chain = chain
         self.joints = joints
-        self._share = np.asarray(share)
-        self._dependent = path[:, joints.dependent].T.copy()
+        self.remember(share, path)
 
     def close(self, share: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Placements, np.ndarray]:
         """Returns q = phi(y) with placements, and which samples could be closed.
@@ -65,8 +65,7 @@ class Coordinates:
         """
         guess = np.empty((len(y), self.chain.n))
         guess[:, self.joints.independent] = y
-        for joint, known in zip(self.joints.dependent, self._dependent, strict=True):
-            guess[:, joint] = np.interp(share, self._share, known)
+        guess[:, self.joints.dependent] = self._dependent(share)
         return self.chain.close(guess, self.joints.dependent)
 
     def tangent(self, share: np.ndarray, y: np.ndarray) -> tuple[Tangent, np.ndarray]:
@@ -76,5 +75,4 @@ class Coordinates:
 
     def remember(self, share: np.ndarray, q: np.ndarray) -> None:
         """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near."""
-        self._share = np.array(share)
-        self._dependent = q[:, self.joints.dependent].T.copy()
+        self._dependent = CubicSpline(share, q[:, self.joints.dependent])

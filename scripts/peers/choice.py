@@ -69,6 +69,7 @@ class Chooser:
         self.case = case
         self.grid = grid or GRID
         self._error = cache(self._grid_error)
+        self._fastest: dict[tuple[SolverName, float], Scheme] = {}
 
     def _grid_error(self, intervals: int, degree: int) -> float:
         """Returns the relative error of a grid, solved to the end."""
@@ -95,21 +96,30 @@ class Chooser:
         return found
 
     def casadi(self, solver: SolverName, accuracy: float, compiled: str = "") -> list[Contestant]:
-        """Returns the settings that solve fastest, and that build and solve fastest."""
-        trials: list[tuple[Contestant, Timing]] = []
-        grids = sorted(self.grids(accuracy), key=lambda grid: grid[0] * grid[1])[
-            : 1 if compiled else 4
+        """Returns the settings that solve fastest, and that build and solve fastest.
+
+        Compiled, only what solved fastest before: each trial takes its time.
+        """
+        grids = sorted(self.grids(accuracy), key=lambda grid: grid[0] * grid[1])[:4]
+        schemes = [
+            Scheme(intervals, degree, lifted, scalar)
+            for intervals, degree in grids
+            for lifted, scalar in KINDS[solver]
         ]
-        for intervals, degree in grids:
-            for lifted, scalar in KINDS[solver]:
-                if compiled and not scalar:
-                    continue
-                contestant = self._trial(
-                    Scheme(intervals, degree, lifted, scalar), solver, accuracy, compiled
-                )
-                if contestant is not None:
-                    trials.append(contestant)
-        return _best(trials)
+        if compiled:
+            fastest = self._fastest.get((solver, accuracy))
+            schemes = [] if fastest is None else [fastest]
+        trials = []
+        for scheme in schemes:
+            trial = self._trial(scheme, solver, accuracy, compiled)
+            if trial is not None:
+                trials.append((scheme, *trial))
+        if not trials:
+            return []
+        solves = min(trials, key=lambda trial: trial[2].run.solve)
+        both = min(trials, key=lambda trial: trial[2].run.build + trial[2].run.solve)
+        self._fastest[solver, accuracy] = solves[0]
+        return [solves[1]] if solves is both else [solves[1], both[1]]
 
     def _trial(
         self, scheme: Scheme, solver: SolverName, accuracy: float, compiled: str
@@ -158,12 +168,3 @@ class Chooser:
     def _timing(self, contestant: Contestant, runs: int) -> Timing:
         results: Sequence[Run] = [contestant.run() for _ in range(runs)]
         return summary(contestant, results, self.case.reference)
-
-
-def _best(trials: Sequence[tuple[Contestant, Timing]]) -> list[Contestant]:
-    """Returns the one that solves fastest and the one that builds and solves fastest."""
-    if not trials:
-        return []
-    solves = min(trials, key=lambda trial: trial[1].run.solve)[0]
-    both = min(trials, key=lambda trial: trial[1].run.build + trial[1].run.solve)[0]
-    return [solves] if solves is both else [solves, both]
