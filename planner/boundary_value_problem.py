@@ -48,7 +48,6 @@ class BoundaryValueProblem:
         coordinates: Map from independent joints to closed postures.
         start: Conditions at the start.
         goal: Conditions at the goal.
-        scale: Units of states and costates, (2 * state_size,).
         lost: Share of the duration at which closure was lost last, None if it was not.
         boundary_calls: How often the boundary conditions were evaluated, for counting steps.
     """
@@ -65,7 +64,6 @@ class BoundaryValueProblem:
         self.lost: float | None = None
         self.boundary_calls = 0
         self._mesh: tuple[np.ndarray, np.ndarray] | None = None
-        self.scale = self._scale(self.straight_guess)
         self._known: list[tuple[np.ndarray, np.ndarray, Evaluation]] = []
 
     # ---- start and scale -----------------------------------------------------------------------
@@ -96,7 +94,10 @@ class BoundaryValueProblem:
         total = float(np.trapezoid(cost, share) * transport.duration)
         return Guess(share, x, total)
 
-    def _scale(self, guess: Guess) -> np.ndarray:
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Units of states and costates, (2 * state_size,)."""
+        guess = self.straight_guess
         criterion, transport = self.criterion, self.transport
         p, duration = criterion.p, transport.duration
         units = np.ones(criterion.state_size)

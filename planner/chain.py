@@ -163,7 +163,8 @@ class ClosedChain:
         blocked = np.empty((len(point), self.m, 6))
         blocked[..., :3] = self.pair.blocked[:, :3] @ transpose(frame)
         blocked[..., 3:] = self.pair.blocked[:, 3:] @ transpose(frame)
-        return Loop(linear[:, order], angular[:, order], blocked, order)
+        turning = self.pair.rotation != "free"
+        return Loop(linear[:, order], angular[:, order], blocked, order, turning)
 
     def closure_columns(self, at: Placements, joints: np.ndarray) -> np.ndarray:
         """Returns some columns of the closure's Jacobian, (K, m, len(joints))."""

@@ -10,7 +10,8 @@ motions are blocked; its rows are fixed in the frame of the grasp on the object.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -27,26 +28,41 @@ class Loop:
         angular: w_j, (K, N, 3).
         blocked: The pair's rows in world axes, (K, m, 6).
         order: Joint index of each place in the loop, (N,).
+        turning: Whether the pair blocks rotations; if not, their terms are left out.
     """
 
     linear: np.ndarray
     angular: np.ndarray
     blocked: np.ndarray
     order: np.ndarray
+    turning: bool = True
+    _known: list[Any] = field(default_factory=list, repr=False)
 
     def _to_loop(self, rates: np.ndarray) -> np.ndarray:
         return rates[:, self.order, None]
 
-    def _rows(self, linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
+    def _rows(self, linear: np.ndarray, angular: np.ndarray | None) -> np.ndarray:
         """Returns blocked rows of per-joint vectors, (K, N, 3) twice to (K, m, N), joint order."""
-        columns = np.concatenate([linear, angular], axis=-1)
-        result = np.empty((len(columns), self.blocked.shape[1], len(self.order)))
-        result[:, :, self.order] = self.blocked @ transpose(columns)
+        result = np.empty((len(linear), self.blocked.shape[1], len(self.order)))
+        rows = self.blocked[:, :, :3] @ transpose(linear)
+        if angular is not None:
+            rows += self.blocked[:, :, 3:] @ transpose(angular)
+        result[:, :, self.order] = rows
         return result
+
+    def _moving(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the columns times the rates and the spin before each joint; the last are kept."""
+        if self._known and self._known[0][0] is v:
+            return self._known[0][1]
+        rates = self._to_loop(v)
+        linear, angular = self.linear * rates, self.angular * rates
+        found = linear, angular, _before(angular)
+        self._known[:] = [(v, found)]
+        return found
 
     def jacobian(self) -> np.ndarray:
         """Returns Gamma = dg/dq on the closed chain, (K, m, N)."""
-        return self._rows(self.linear, self.angular)
+        return self._rows(self.linear, self.angular if self.turning else None)
 
     def wrench(self, multiplier: np.ndarray) -> np.ndarray:
         """Returns the wrench (force; moment) on the right hand at its point, world axes, (K, 6)."""
@@ -54,27 +70,19 @@ class Loop:
 
     def bias(self, v: np.ndarray) -> np.ndarray:
         """Returns the relative acceleration at zero joint acceleration, gamma_0, (K, m)."""
-        rates = self._to_loop(v)
-        linear, angular = self.linear * rates, self.angular * rates
-        before = _before(angular)
-        both = np.concatenate(
-            [
-                cross(2.0 * before + angular, linear).sum(axis=1),
-                cross(before, angular).sum(axis=1),
-            ],
-            axis=-1,
-        )
-        return matvec(self.blocked, both)
+        linear, angular, before = self._moving(v)
+        along = cross(2.0 * before + angular, linear).sum(axis=1)
+        result = matvec(self.blocked[:, :, :3], along)
+        if self.turning:
+            result += matvec(self.blocked[:, :, 3:], cross(before, angular).sum(axis=1))
+        return result
 
     def velocity_derivative(self, v: np.ndarray) -> np.ndarray:
         """Returns d(Gamma v)/dq at constant v, (K, m, N)."""
-        rates = self._to_loop(v)
-        linear, angular = self.linear * rates, self.angular * rates
-        before = _before(angular)
-        from_here, turning = _from_here(linear), _from_here(angular)
+        linear, angular, before = self._moving(v)
+        turned = cross(self.angular, _from_here(angular)) if self.turning else None
         return self._rows(
-            cross(before, self.linear) + cross(self.angular, from_here),
-            cross(self.angular, turning),
+            cross(before, self.linear) + cross(self.angular, _from_here(linear)), turned
         )
 
     def force_derivative(self, v: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
@@ -88,7 +96,9 @@ class Loop:
         place = np.arange(len(self.order))
         inner = (place[None, :] <= place[:, None])[None, :, :]
         # (w_k x l_j) F = w_k (l_j x F), and likewise for the others
-        arms = cross(self.linear, force) + cross(self.angular, moment)
+        arms = cross(self.linear, force)
+        if self.turning:
+            arms += cross(self.angular, moment)
         turned = arms @ transpose(self.angular)
         moved = cross(force, self.angular) @ transpose(self.linear)
         result = np.empty_like(turned)
@@ -107,28 +117,30 @@ class Loop:
         Returns:
             Along q at constant v and a, and along v, each (K, m, N).
         """
-        rates, accelerations = self._to_loop(v), self._to_loop(a)
-        linear, angular = self.linear * rates, self.angular * rates
-        before = _before(angular)
+        linear, angular, before = self._moving(v)
+        accelerations = self._to_loop(a)
         steps = self.linear * accelerations + cross(2.0 * before + angular, linear)
         turns = self.angular * accelerations + cross(before, angular)
         # motion of what lies beyond joint l as seen from the body before it
-        velocity, spin = _from_here(linear), _from_here(angular)
-        before_turns = _before(turns)
+        velocity = _from_here(linear)
         acceleration = _from_here(steps) - 2.0 * cross(before, velocity)
-        spin_rate = _from_here(turns) - cross(before, spin)
         swing = cross(self.angular, velocity)
-        along_q = self._rows(
-            cross(before_turns, self.linear)
-            + cross(before, cross(before, self.linear) + 2.0 * swing)
-            + cross(self.angular, acceleration),
-            cross(self.angular, spin_rate) + cross(before, cross(self.angular, spin)),
+        carried = cross(before, self.linear)
+        along_q = (
+            cross(_before(turns), self.linear)
+            + cross(before, carried + 2.0 * swing)
+            + cross(self.angular, acceleration)
         )
-        along_v = self._rows(
-            2.0 * (cross(before, self.linear) + swing),
-            cross(before, self.angular) + cross(self.angular, spin - angular),
+        along_v = 2.0 * (carried + swing)
+        if not self.turning:
+            return self._rows(along_q, None), self._rows(along_v, None)
+        spin = _from_here(angular)
+        spin_rate = _from_here(turns) - cross(before, spin)
+        turned = cross(self.angular, spin)
+        return (
+            self._rows(along_q, cross(self.angular, spin_rate) + cross(before, turned)),
+            self._rows(along_v, cross(before, self.angular) + turned),
         )
-        return along_q, along_v
 
 
 def _before(values: np.ndarray) -> np.ndarray:

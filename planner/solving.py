@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from planner.blas import one_blas_thread
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.criteria import make_criterion
 from planner.outcome import Failure, failure
 from planner.solution import ProgressCallback, Solution
-from planner.solvers.collocation import one_blas_thread, solve_collocation
+from planner.solvers.collocation import solve_collocation
 from planner.solvers.multistart import best_of_starts
 from planner.solvers.nearby import curves_of_plan, fit_curves, with_better_joints
 from planner.solvers.spectral import SpectralResult, minimise
@@ -108,7 +109,13 @@ def solve_directly(
         return _from_line(scenario, transport, progress)
     problem = make_problem(scenario, transport)
     result = minimise(
-        transport, problem.criterion, problem.coordinates, start=start, progress=progress
+        transport,
+        problem.criterion,
+        problem.coordinates,
+        tolerance=cost_tolerance(scenario),
+        tail=tail_tolerance(scenario),
+        start=start,
+        progress=progress,
     )
     minima: dict[str, Any] = {}
     if settings.starts > 1:
@@ -167,6 +174,22 @@ def _finish(
     if isinstance(found, Solution) and result is not None:
         return _compare(scenario, found, result)
     return found
+
+
+def cost_tolerance(scenario: Scenario) -> float:
+    """Returns the relative cost that the spectral method may leave on the table.
+
+    A thousandth of the residual that is accepted: costs are flat at the optimum.
+    """
+    return min(1e-3 * scenario.solver.tolerance, 1e-5)
+
+
+def tail_tolerance(scenario: Scenario) -> float:
+    """Returns the share of the highest coefficients at which the degree suffices.
+
+    The relative error of the cost is about its square: below 1e-6 at the default tolerance.
+    """
+    return float(np.clip(7.0 * scenario.solver.tolerance, 1e-6, 2e-2))
 
 
 def _converged(result: SpectralResult | None) -> bool:

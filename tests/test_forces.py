@@ -117,7 +117,9 @@ def test_each_hand_bears_what_its_own_arm_is_short_of(mechanism: Mechanism) -> N
         model.gravity.linear = chain.gravity
         data = model.createData()
         for k in range(len(tau)):
-            q, v, a = (np.ascontiguousarray(x[k, part]) for x in (motion.tangent.q, motion.v, motion.a))
+            q, v, a = (
+                np.ascontiguousarray(x[k, part]) for x in (motion.tangent.q, motion.v, motion.a)
+            )
             own = pin.rnea(model, data, q, v, a).copy()
             pin.forwardKinematics(model, data, q)
             jacobian = pin.computeJointJacobian(model, data, q, arm.tip_joint)

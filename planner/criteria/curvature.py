@@ -101,6 +101,7 @@ def join_tangents(moved: Tangent, base: Tangent, times: int) -> Tangent:
         both(moved.loop.angular, base.loop.angular),
         both(moved.loop.blocked, base.loop.blocked),
         base.loop.order,
+        base.loop.turning,
     )
     return Tangent(
         both(moved.q, base.q),

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.sparse import block_diag, bmat, csc_matrix
 from scipy.sparse.linalg import splu
 
+from planner.blas import one_blas_thread
 from planner.boundary_value_problem import BoundaryValueProblem
-from planner.solvers.collocation import one_blas_thread
 
 MAX_STEPS = 30
 CONVERGED = 1e-8  # of the scaled variables, which are of order one

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planner.blas import one_blas_thread
 from planner.outcome import Failure, NotSolvedError
 from planner.reproduction.cases import TORQUE, Values, Workbench
 from planner.reproduction.findings import Finding, Table, Verdict
 from planner.reproduction.numerics import SECTION, make_problem
 from planner.reproduction.shots import fly, newton_shots
-from planner.solvers.collocation import one_blas_thread, solve_collocation
+from planner.solvers.collocation import solve_collocation
 from planner.solvers.shooting import first_costates, shoot
 
 SIZES = (1e-3, 1e-2, 1e-1, 3e-1, 1.0, 1e1, 1e2)

@@ -10,12 +10,12 @@ import contextlib
 import io
 import sys
 import time
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.integrate import solve_bvp
 
+from planner.blas import one_blas_thread
 from planner.boundary_value_problem import BoundaryValueProblem, Guess
 from planner.outcome import Failure, failure
 from planner.solution import ProgressCallback, Refinement, Solution, integrate_cost
@@ -65,15 +65,6 @@ class _RefinementReader(io.TextIOBase):
         except Exception as error:
             self.error = error
             raise
-
-
-@contextlib.contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Limits BLAS to one thread: at these sizes a second one only costs."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api="blas"):
-        yield
 
 
 def solve_collocation(

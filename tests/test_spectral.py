@@ -1,0 +1,285 @@
+"""The spectral method: derivatives of its cost, optimality of its motions, and its accuracy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mechanisms import difference, planar_arms
+from mechanisms import human_arms as human
+from plans import CASES, FREE, minimised, problem_of, solved
+
+from planner.boundary_value_problem import BoundaryValueProblem
+from planner.scenario import Scenario
+from planner.solvers.spectral import minimise, resolution
+from planner.solvers.spectral_curvature import torque_curvature
+from planner.solvers.spectral_problem import Curves, Point, SpectralProblem
+
+DEGREE = 12
+
+HUMAN: dict[str, dict[str, Any]] = {
+    "zero ends": {},
+    "free end": FREE,
+    "rest, static": {"boundary.start.torque": "rest", "boundary.goal.torque": "static"},
+    "torque": {"criterion.kind": "torque"},
+    "mixed": {
+        "criterion.kind": "mixed",
+        "criterion.weights": [1.0, 2.0, 0.5, 3.0],
+        "criterion.posture_cost": 0.3,
+        "criterion.speed_cost": 0.2,
+    },
+    "gravity and preload": {
+        "world.gravity": [0.0, -9.81, 0.0],
+        "boundary.start.internal_force": [3.0, -4.0, 0.0],
+        "boundary.goal.torque": "static",
+    },
+    "velocities": {
+        "task.start.velocity": [0.2, -0.1, 0.0],
+        "task.goal.velocity": [0.1, 0.3, 0.0],
+    },
+}
+
+
+def redundant(folder: Path, **values: Any) -> Scenario:
+    """Two arms of three joints: postures of the ends are free."""
+    return planar_arms(folder, gravity=(0.0, 0.0, 0.0), **values)
+
+
+@pytest.fixture(scope="module")
+def scenarios(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Scenario]:
+    folder = tmp_path_factory.mktemp("arms")
+    found = {name: human(values) for name, values in HUMAN.items()}
+    found["free postures"] = redundant(folder)
+    found["free postures, static and rest"] = redundant(
+        folder, boundary={"start": {"torque": "static"}, "goal": {"torque": "rest"}}
+    )
+    found["held start, speed cost"] = redundant(folder, criterion={"speed_cost": 0.5}).override(
+        {"task.posture": "start", "boundary.goal.internal_force": [1.0, 2.0, 0.0]}
+    )
+    return found
+
+
+NAMES = [
+    *HUMAN,
+    "free postures",
+    "free postures, static and rest",
+    "held start, speed cost",
+]
+
+
+def somewhere(problem: BoundaryValueProblem, seed: int = 0) -> tuple[SpectralProblem, Point]:
+    """An iterate off the optimum, its multiplier away from zero."""
+    spectral = SpectralProblem(problem.transport, problem.criterion, problem.coordinates, DEGREE)
+    transport, independent = problem.transport, problem.transport.joints.independent
+    ends = tuple(
+        spectral.ends.values(index, end.posture[independent][None])[0]
+        for index, end in enumerate((transport.start, transport.goal))
+    )
+    point = spectral.evaluate(np.zeros(spectral.size), (ends[0], ends[1]))
+    assert point is not None
+    move = 0.3 * directions(spectral, point, 1, seed)[0]
+    point = spectral.moved(point, move)
+    assert point is not None
+    return spectral, point
+
+
+def directions(spectral: SpectralProblem, point: Point, count: int, seed: int = 1) -> np.ndarray:
+    """Random steps that change the motion by a radian per duration or less, (count, size)."""
+    generator = np.random.default_rng(seed)
+    metric = spectral.metric(point)
+    # postures of both ends may move together, which hardly changes the speeds
+    metric = metric + 0.3 * np.eye(len(metric)) * np.trace(metric) / len(metric)
+    result = np.zeros((count, spectral.size))
+    for row in result:
+        motion = generator.normal(size=len(spectral.motion))
+        row[spectral.motion] = np.linalg.solve(metric, motion) / np.linalg.norm(motion)
+        row[spectral.force] = generator.normal(size=len(spectral.force))
+    return result
+
+
+def cost_along(spectral: SpectralProblem, point: Point, move: np.ndarray, time: float) -> float:
+    moved = spectral.moved(point, time * move)
+    assert moved is not None
+    return moved.cost
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None:
+    spectral, point = somewhere(problem_of(scenarios[name]))
+    gradient, matrix, along_torque = spectral.normal_equations(point)
+    hessian = matrix + torque_curvature(spectral, point, along_torque)
+    assert np.max(np.abs(hessian - hessian.T)) < 1e-6 * np.max(np.abs(hessian))
+    for move in directions(spectral, point, 4):
+
+        def cost(time: float, move: np.ndarray = move) -> np.ndarray:
+            return np.array(cost_along(spectral, point, move, time))
+
+        def slope(time: float, cost: Any = cost) -> np.ndarray:
+            return difference(lambda later: cost(time + later), 3e-3)
+
+        assert gradient @ move == pytest.approx(float(slope(0.0)), rel=2e-6)
+        second = float(difference(slope, 3e-3))
+        # the Hessian is made of forward differences, and the ends' of second ones
+        assert move @ hessian @ move == pytest.approx(second, rel=2e-4)
+
+
+@pytest.mark.parametrize("name", ["zero ends", "torque", "mixed"])
+def test_gauss_newton_alone_is_not_the_hessian(scenarios: dict[str, Scenario], name: str) -> None:
+    """What the curvature adds is no trifle: without it the test above would fail."""
+    spectral, point = somewhere(problem_of(scenarios[name]))
+    _, matrix, along_torque = spectral.normal_equations(point)
+    extra = torque_curvature(spectral, point, along_torque)
+    moves = directions(spectral, point, 4)
+    share = [abs(move @ extra @ move) / abs(move @ matrix @ move) for move in moves]
+    assert max(share) > 1e-3
+
+
+@pytest.mark.parametrize("name", [*HUMAN, "held start, speed cost"])
+def test_no_feasible_perturbation_lowers_the_cost(
+    scenarios: dict[str, Scenario], name: str
+) -> None:
+    problem = problem_of(scenarios[name])
+    result = minimised(problem)
+    spectral, best = result.problem, result.point
+    size = 1e-2
+    for move in directions(spectral, best, 40):
+        up, down = (cost_along(spectral, best, move, sign * size) for sign in (1.0, -1.0))
+        assert min(up, down) > best.cost * (1.0 - 1e-11)
+        rise, tilt = 0.5 * (up + down) - best.cost, 0.5 * (up - down)
+        assert rise > 0.0
+        # the first-order part is nothing beside what the tolerance leaves
+        assert abs(tilt) < 3e-2 * rise + 2e-6 * best.cost
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_minimum_is_stationary(name: str) -> None:
+    """The predicted gain of one more Newton step is below the tolerance."""
+    result = minimised(problem_of(human(CASES[name])))
+    spectral, best = result.problem, result.point
+    gradient, matrix, along_torque = spectral.normal_equations(best)
+    hessian = matrix + torque_curvature(spectral, best, along_torque)
+    assert np.linalg.eigvalsh(hessian)[0] > 0.0
+    gain = 0.5 * gradient @ np.linalg.solve(hessian, gradient)
+    assert gain < 1e-9 * best.cost
+
+
+def test_accuracy_grows_with_the_degree() -> None:
+    """Against shooting-accurate collocation; the cost converges much faster than the motion."""
+    reference = solved({"solver.tolerance": 1e-7, "solver.max_nodes": 5000}).cost
+    problem = problem_of(human())
+    errors = []
+    for tail in (1e-2, 7e-4, 1e-5):
+        result = minimised(problem, tail=tail)
+        assert result.tail < tail
+        errors.append((result.degree, abs(result.cost / reference - 1.0)))
+    degrees, sizes = zip(*errors, strict=True)
+    assert degrees[0] <= degrees[1] < degrees[2]
+    assert sizes[1] < 1e-6
+    assert sizes[2] < 1e-8
+
+
+def test_a_degree_that_does_not_suffice_is_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    from planner.solvers import spectral
+
+    monkeypatch.setattr(spectral, "FIRST_DEGREE", 8)
+    monkeypatch.setattr(spectral, "LAST_DEGREE", 10)
+    problem = problem_of(human())
+    result = minimise(problem.transport, problem.criterion, problem.coordinates)
+    assert result is not None
+    assert not result.converged
+    assert "tail" in result.message
+    assert resolution(result.problem, result.point) == result.tail
+
+
+def test_starting_from_the_result_takes_next_to_no_steps() -> None:
+    problem = problem_of(human())
+    first = minimised(problem)
+    again = minimised(problem_of(human()), start=first.curves)
+    assert again.iterations < first.iterations
+    assert again.iterations <= 2
+    assert again.cost == pytest.approx(first.cost, rel=1e-9)
+
+
+def test_progress_tells_of_every_step() -> None:
+    seen: list[Any] = []
+    result = minimised(problem_of(human()), progress=seen.append)
+    assert tuple(seen) == result.refinements
+    assert len(seen) == result.iterations
+    costs = [step.cost for step in seen]
+    assert costs[-1] == pytest.approx(result.cost, rel=1e-9)
+    assert all(step.stage == "spectral" for step in seen)
+
+
+def test_no_start_can_be_closed() -> None:
+    """Joints of the guess apart from each other beyond repair: no motion, and no exception."""
+    from dataclasses import replace
+
+    from planner.solving import make_problem
+
+    scenario = human()
+    transport = problem_of(scenario).transport
+    apart = np.array([np.pi, np.pi, 0.0, np.pi])
+    broken = replace(
+        transport,
+        guess=np.broadcast_to(apart, transport.guess.shape).copy(),
+        start=replace(transport.start, posture=apart),
+        goal=replace(transport.goal, posture=apart),
+    )
+    problem = make_problem(scenario, transport)
+    problem.coordinates.remember(broken.share, broken.guess)
+    with np.errstate(all="ignore"):
+        assert minimise(broken, problem.criterion, problem.coordinates) is None
+
+
+def test_iterates_are_closed_and_meet_the_ends() -> None:
+    values = {
+        "task.start.velocity": [0.2, -0.1, 0.0],
+        "boundary.goal.torque": [0.1, -0.2, 0.3, -0.1],
+    }
+    problem = problem_of(human(values))
+    spectral, point = somewhere(problem)
+    chain = problem.transport.chain
+    gap = chain.gap(chain.dynamics.placements(point.torques.tangent.q))
+    assert np.max(np.abs(gap)) < 1e-9
+    curves = spectral.curves(point)
+    ends = np.array([0.0, 1.0])
+    y, rate = curves.y(ends), curves.y(ends, 1) / problem.transport.duration
+    at, _ = problem.coordinates.tangent(ends, y)
+    velocity = np.einsum("kij,kj->ki", chain.object_jacobian(at.at) @ at.s, rate)
+    assert np.allclose(velocity[0, :3], [0.2, -0.1, 0.0], atol=1e-12)
+    assert np.allclose(velocity[1, :3], 0.0, atol=1e-12)
+    position, _ = chain.object_pose(at.at)
+    assert np.allclose(position, [[0.1, 0.4, 0.0], [0.4, 0.3, 0.0]], atol=1e-11)
+    from planner.solvers.inverse_torques import inverse_torques
+
+    tau = inverse_torques(
+        chain,
+        problem.transport.joints,
+        at,
+        rate,
+        curves.y(ends, 2) / problem.transport.duration**2,
+        curves.multiplier(ends),
+    ).tau
+    assert np.allclose(tau[0], 0.0, atol=1e-10)
+    assert np.allclose(tau[1], [0.1, -0.2, 0.3, -0.1], atol=1e-10)
+
+
+def test_curves_derivatives() -> None:
+    generator = np.random.default_rng(0)
+    curves = Curves(generator.normal(size=(9, 2)), generator.normal(size=(7, 3)))
+    share, step = np.array([0.2, 0.6]), 1e-3
+    for function in (curves.y, curves.multiplier):
+        for order in (0, 1):
+            around = [function(share + k * step, order) for k in (-2, -1, 1, 2)]
+            slope = (around[0] - 8 * around[1] + 8 * around[2] - around[3]) / (12 * step)
+            assert np.allclose(slope, function(share, order + 1), rtol=1e-6, atol=1e-6)
+
+
+def test_projected_curves_are_found_again() -> None:
+    problem = problem_of(human(FREE))
+    spectral, point = somewhere(problem)
+    curves, u = spectral.curves(point), spectral.nodes.u
+    found = spectral.project(point.ends, curves.y(u), curves.multiplier(u))
+    assert np.allclose(found, point.x, rtol=1e-6, atol=1e-8)
