@@ -29,7 +29,7 @@ from planner.inverse_kinematics import pose_error
 from planner.transport import End, Transport
 from planner.vectors import matvec, transpose
 
-_TORQUE_STEP = 1e-5  # rad, central difference of holding torques
+_TORQUE_STEP = 1e-4  # rad, central difference of holding torques
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class EndConditions:
             moved[0, joint, :, joint] += _TORQUE_STEP
             moved[1, joint, :, joint] -= _TORQUE_STEP
         moved = moved.reshape(-1, p)
-        at, _ = self.coordinates.tangent(np.full(len(moved), self.share), moved)
+        at, _ = self.coordinates.precise().tangent(np.full(len(moved), self.share), moved)
         torque = self.prescribed_torque(at)
         assert torque is not None
         sides = torque.reshape(2, p, count, -1)
@@ -136,7 +136,7 @@ class EndConditions:
                 parts.append(free if prescribed is None else x[:, criterion.at_tau] - prescribed)
             return np.concatenate(parts, axis=1)
         shares = np.full(len(x), self.share)
-        evaluation = criterion.evaluate(self.coordinates, shares, x)
+        evaluation = criterion.evaluate(self.coordinates.precise(), shares, x)
         torque_rows, correction = self._torque_conditions(evaluation, x)
         parts = [self._posture_conditions(evaluation.tangent, x, correction), speed]
         if torque_rows is not None:

@@ -21,7 +21,7 @@ from planner.independent_joints import Coordinates
 from planner.transport import Transport
 from planner.vectors import matvec, transpose
 
-_DIFFERENCE = 1e-6  # of a scaled state, for boundary conditions that are not linear
+_DIFFERENCE = 1e-4  # of a scaled state, for boundary conditions that are not linear
 
 
 @dataclass(frozen=True, eq=False)

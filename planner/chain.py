@@ -247,7 +247,7 @@ class ClosedChain:
             q[open_], error[open_] = moved, np.where(stuck[:, None], 0.0, new_error)
             _put(at, open_, new)
         size = np.max(np.abs(error), axis=1, initial=0.0)
-        return q, at, size < 100.0 * tolerance
+        return q, at, size < 100.0 * max(tolerance, CLOSURE_TOLERANCE)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

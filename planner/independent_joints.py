@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import scipy.linalg
 from scipy.interpolate import CubicSpline
 
-from planner.chain import ClosedChain
+from planner.chain import CLOSURE_TOLERANCE, ClosedChain
 from planner.constrained_dynamics import Joints, Tangent, tangent
 from planner.equation_of_motion import Placements
 
@@ -46,6 +48,7 @@ class Coordinates:
     Attributes:
         chain: The closed chain.
         joints: Independent and dependent joints.
+        tolerance: Bound on the gap that is left [m, rad].
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class Coordinates:
         """Starts from closed postures `path`, (K, N), at shares of the duration, (K,)."""
         self.chain = chain
         self.joints = joints
+        self.tolerance = CLOSURE_TOLERANCE
         self.remember(share, path)
 
     def close(self, share: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Placements, np.ndarray]:
@@ -66,12 +70,18 @@ class Coordinates:
         guess = np.empty((len(y), self.chain.n))
         guess[:, self.joints.independent] = y
         guess[:, self.joints.dependent] = self._dependent(share)
-        return self.chain.close(guess, self.joints.dependent)
+        return self.chain.close(guess, self.joints.dependent, self.tolerance)
 
     def tangent(self, share: np.ndarray, y: np.ndarray) -> tuple[Tangent, np.ndarray]:
         """Returns the freedoms at phi(y), and which samples could be closed, (K,)."""
         q, at, closed = self.close(share, y)
         return tangent(self.chain, self.joints, q, at), closed
+
+    def precise(self) -> Coordinates:
+        """Returns the same map, closed to round-off: for what is differenced twice."""
+        copied = copy.copy(self)
+        copied.tolerance = 1e-15
+        return copied
 
     def remember(self, share: np.ndarray, q: np.ndarray) -> None:
         """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near."""

@@ -167,7 +167,7 @@ def _finish(
     if not _converged(result) and (redundant or settings.start == "spectral"):
         return _spectral_outcome(scenario, problem, result)
     if result is not None and result.converged:
-        found = _confirm(scenario, problem, result, progress)
+        found = confirm(scenario, problem, result, progress)
         if isinstance(found, Solution) or redundant or settings.start == "spectral":
             return found
     found = _from_line(scenario, transport, progress)
@@ -239,7 +239,7 @@ def _with_speed_cost(
         if scenario.solver.method == "spectral":
             found = spectral_solution(problem, result)
         else:
-            found = _confirm(scenario, problem, result, progress)
+            found = confirm(scenario, problem, result, progress)
         if isinstance(found, Solution):
             remark = (
                 f"joint speeds cost {speed_cost:g} |v|^2/2 in this plan: without such a cost the "
@@ -277,7 +277,7 @@ def _spectral_outcome(
     return spectral_solution(problem, result)
 
 
-def _confirm(
+def confirm(
     scenario: Scenario,
     problem: BoundaryValueProblem,
     result: SpectralResult,

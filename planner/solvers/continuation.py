@@ -15,17 +15,18 @@ import numpy as np
 
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.chain import build_chain
+from planner.constrained_dynamics import Joints
 from planner.criteria import make_criterion
 from planner.errors import InputError
 from planner.outcome import Failure
 from planner.solution import ProgressCallback, Solution
-from planner.solvers.collocation import solve_collocation
 from planner.solvers.spectral import SpectralResult, minimise
-from planner.solvers.warm_start import warm_start
+from planner.solvers.warm_start import spectral_solution
 from planner.transport import Transport, make_transport
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
+    from planner.solvers.spectral_problem import Curves
 
 _FIRST_STEP = 0.5
 _LEAST_STEP = 0.02
@@ -107,22 +108,20 @@ def solve_by_continuation(
         first: How the solve without continuation ended.
         progress: Called once per iteration or mesh.
     """
+    from planner.solving import confirm
+
     began = time.perf_counter()
     tried = []
     for family in families(scenario, transport):
         tried.append(family.name)
-        found = _follow(scenario, family, progress)
+        found = _follow(scenario, family, transport.joints, progress)
         if found is None:
             continue
         problem, result, members = found
-        guess, _ = warm_start(problem, result, scenario.solver.tolerance)
-        solution = solve_collocation(
-            problem,
-            tolerance=scenario.solver.tolerance,
-            max_nodes=scenario.solver.max_nodes,
-            guess=guess,
-            progress=progress,
-            scenario=scenario,
+        solution = (
+            spectral_solution(problem, result)
+            if scenario.solver.method == "spectral"
+            else confirm(scenario, problem, result, progress)
         )
         if isinstance(solution, Solution):
             remark = f"reached by continuation in {family.name} over {members} easier tasks"
@@ -130,10 +129,6 @@ def solve_by_continuation(
                 solution,
                 seconds=time.perf_counter() - began,
                 remarks=(*solution.remarks, remark),
-                evidence={
-                    "spectral_cost": result.cost,
-                    "agreement": abs(solution.cost / result.cost - 1.0),
-                },
             )
     if not tried:
         return first
@@ -145,13 +140,16 @@ def solve_by_continuation(
 
 
 def _follow(
-    scenario: Scenario, family: Family, progress: ProgressCallback | None
+    scenario: Scenario, family: Family, joints: Joints, progress: ProgressCallback | None
 ) -> tuple[BoundaryValueProblem, SpectralResult, int] | None:
-    """Returns the spectral result at the end of a family, and how many members led to it."""
+    """Returns the spectral result at the end of a family, and how many members led to it.
+
+    All members have the same independent joints: curves say nothing of joints other than theirs.
+    """
     share, step, members = 0.0, _FIRST_STEP, 0
     curves = None
     while True:
-        found = _solve_member(family.at(scenario, share), curves, progress)
+        found = _solve_member(family.at(scenario, share), joints, curves, progress)
         if found is not None and found[1].converged:
             members += 1
             curves = found[1].curves
@@ -166,10 +164,12 @@ def _follow(
         share = min(1.0, known + step)
 
 
-def _solve_member(scenario, curves, progress):  # type: ignore[no-untyped-def]
+def _solve_member(
+    scenario: Scenario, joints: Joints, curves: Curves | None, progress: ProgressCallback | None
+) -> tuple[BoundaryValueProblem, SpectralResult] | None:
     try:
         chain = build_chain(scenario)
-        transport = make_transport(scenario, chain)
+        transport = replace(make_transport(scenario, chain), joints=joints)
     except InputError:
         return None
     criterion = make_criterion(scenario, chain, transport.reference)
