@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mechanisms import Mechanism, differences
+from mechanisms import Mechanism, difference, differences
 from mechanisms import human_arms as human
 from plans import FREE, problem_of, solved, transport_of
 
@@ -88,11 +88,14 @@ def test_boundary_jacobian_is_the_derivative_of_the_conditions(
     at_start, at_goal = problem.boundary_jacobian(start, goal)
     size = problem.criterion.state_size
     assert problem.boundary(start, goal).shape == (2 * size,)
-    for found, wanted in (
-        (at_start, differences(lambda d: problem.boundary(start + d, goal), 2 * size, 1e-3)),
-        (at_goal, differences(lambda d: problem.boundary(start, goal + d), 2 * size, 1e-3)),
-    ):
-        assert np.max(np.abs(found - wanted)) < 1e-5 * np.max(np.abs(wanted))
+    for along in np.random.default_rng(1).normal(size=(6, 2 * size)):
+        for found, place in ((at_start, (1.0, 0.0)), (at_goal, (0.0, 1.0))):
+
+            def moved(t: float, along: np.ndarray = along, place: Any = place) -> np.ndarray:
+                return problem.boundary(start + t * place[0] * along, goal + t * place[1] * along)
+
+            wanted = difference(moved, 1e-3)
+            assert np.max(np.abs(found @ along - wanted)) < 1e-5 * np.max(np.abs(wanted))
     # each end has as many conditions as there are states, all of them independent
     assert np.linalg.matrix_rank(at_start[:size], tol=1e-6) == size
     assert np.linalg.matrix_rank(at_goal[size:], tol=1e-6) == size

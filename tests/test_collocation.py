@@ -10,10 +10,11 @@ import pytest
 from mechanisms import human_arms as human
 from plans import CASES, FREE, TORQUE, ZERO_ENDS, problem_of, solved
 
+from planner.blas import one_blas_thread
 from planner.boundary_value_problem import Guess
 from planner.outcome import Failure
 from planner.solution import Refinement, Solution, integrate_cost
-from planner.solvers.collocation import INITIAL_NODES, one_blas_thread, solve_collocation
+from planner.solvers.collocation import INITIAL_NODES, solve_collocation
 
 COSTS = {"zero ends": ZERO_ENDS, "free end": 7.344975, "torque": TORQUE}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -109,7 +111,7 @@ def test_a_smaller_radius_never_gains_more() -> None:
     hessian = generator.normal(size=(5, 5))
     model = without_force(generator.normal(size=5), hessian + hessian.T, np.eye(5))
     gains = [trust_region_step(model, radius)[1] for radius in (0.1, 0.3, 1.0, 3.0, 10.0)]
-    assert all(low < high for low, high in zip(gains, gains[1:], strict=False))
+    assert all(low < high for low, high in pairwise(gains))
 
 
 def test_the_multiplier_is_eliminated() -> None:

@@ -138,8 +138,8 @@ def solve_collocation(
         states=states,
         cost=integrate_cost(problem, found.x, states),
         known_residual=residual,
-        # every mesh takes one call before its first step and one after its last
-        iterations=problem.boundary_calls - 2 * len(reader.seen),
+        # one call looks at the shape; every mesh takes one before its first step and after its last
+        iterations=problem.boundary_calls - 1 - 2 * len(reader.seen),
         refinements=tuple(reader.seen),
         seconds=seconds,
     )

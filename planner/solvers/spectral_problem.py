@@ -133,13 +133,15 @@ class SpectralProblem:
     def metric(self, point: Point) -> np.ndarray:
         """Returns the root M of a norm on the motion's unknowns, upper triangle.
 
-        |M d| is the change of joint speeds that a step d makes, root mean square in rad per
-        duration.
+        |M d| is the change of postures and of joint speeds that a step d makes, root mean square
+        in rad and rad per duration.
         """
-        whole = self.unknowns_to_motion(point)[:, self.p : 2 * self.p, self.motion]
-        speeds = point.torques.tangent.s @ whole * self.transport.duration
-        rows = (speeds * np.sqrt(self.nodes.weights)[:, None, None]).reshape(-1, len(self.motion))
-        square = rows.T @ rows
+        whole = self.unknowns_to_motion(point)[:, : 2 * self.p, self.motion]
+        s, weights = point.torques.tangent.s, np.sqrt(self.nodes.weights)[:, None, None]
+        square = np.zeros((len(self.motion), len(self.motion)))
+        for part in (whole[:, : self.p], whole[:, self.p :] * self.transport.duration):
+            rows = (s @ part * weights).reshape(-1, len(self.motion))
+            square += rows.T @ rows
         square[np.diag_indices_from(square)] += 1e-10 * np.max(np.diag(square))
         root: np.ndarray = np.linalg.cholesky(square).T
         return root
