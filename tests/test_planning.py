@@ -491,6 +491,27 @@ def test_redundant_arms_with_free_postures(tmp_path: Path) -> None:
             assert other.cost == pytest.approx(free.cost, rel=1e-4)
 
 
+def test_free_postures_where_the_torques_depend_on_them(tmp_path: Path) -> None:
+    """The torques of a preload turn with the posture, and rest asks for no acceleration there.
+
+    Transversality has a term for either; the direct method, which has none, is the judge.
+    """
+    scenario = planar_arms(tmp_path, "rigid", gravity=(0.0, 0.0, 0.0)).override(
+        {
+            "boundary.start.internal_force": [8.0, -6.0, 0.0],
+            "boundary.goal.torque": "rest",
+            "criterion.speed_cost": 0.05,
+        }
+    )
+    certified = plan(scenario).unwrap()
+    direct = plan(scenario.override({"solver.method": "spectral"})).unwrap()
+    assert certified.cost == pytest.approx(direct.cost, rel=1e-6)
+    assert certified.internal_force[0] == pytest.approx([8.0, -6.0, 0.0], abs=1e-6)
+    assert np.max(np.abs(certified.a[-1])) < 1e-6 * np.max(np.abs(certified.a))
+    for place in (0, -1):
+        assert np.max(np.abs(certified.q[place] - direct.q[place])) < 2e-4
+
+
 @pytest.mark.slow
 def test_two_pandas(tmp_path: Path) -> None:
     """Redundant arms with a rigid grasp under gravity: the reference cost, or a lower one."""
