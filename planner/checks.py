@@ -18,7 +18,7 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
     """Returns the checks of a plan by name.
 
     `closure` [m, rad], `force_balance` [N], `torque_balance` [Nm], `end_speed` [rad/s],
-    `replay_end` and `replay_max` [m], `hamiltonian` (its drift over the range of its terms),
+    `replay_end` and `replay_max` [m] (or `replay`, in words, where it diverges), `hamiltonian` (its drift over the range of its terms),
     `pontryagin_residual` (relative residual of the adjoint equations), `condition` (worst
     condition number of the closure), `limits` (what exceeds a limit, in words).
 
@@ -43,9 +43,13 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
         checks["pontryagin_residual"] = solution.residual
         checks |= solution.evidence
     if can_replay(chain):
-        error = replay_error(chain, plan)
-        checks["replay_end"] = float(error[-1])
-        checks["replay_max"] = float(np.max(error))
+        with np.errstate(all="ignore"):
+            error = replay_error(chain, plan)
+        if np.all(np.isfinite(error)):
+            checks["replay_end"] = float(error[-1])
+            checks["replay_max"] = float(np.max(error))
+        else:
+            checks["replay"] = "diverges: the motion is unstable without feedback"
     return checks
 
 

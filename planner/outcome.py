@@ -72,11 +72,11 @@ class Failure:
             "status": self.status,
             "reason": self.reason,
             "remedy": self.remedy,
-            "evidence": {name: _plain(value) for name, value in self.evidence.items()},
+            "evidence": self.evidence,
             "scenario": self.scenario.resolved() if self.scenario else None,
         }
         path = folder / "plan.json"
-        path.write_text(json.dumps(content, indent=2) + "\n")
+        path.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
         return path
 
     def unwrap(self) -> Any:
@@ -88,9 +88,13 @@ class Failure:
         raise NotSolvedError(f"{self.status}: {self.reason}; {self.remedy}")
 
 
-def _plain(value: Any) -> Any:
-    """Returns a value that JSON can hold: NumPy's numbers as Python's, infinity and NaN as text."""
+def plain(value: Any) -> Any:
+    """Returns what JSON can hold: NumPy's numbers as Python's, infinity and NaN as text."""
     value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, dict):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 

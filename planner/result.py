@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from planner.errors import InputError
+from planner.outcome import plain
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
@@ -133,7 +134,8 @@ class Plan:
             "versions": versions(),
             "scenario": self.scenario.resolved(),
         }
-        (folder / PLAN_FILE).write_text(json.dumps(content, indent=2) + "\n")
+        text = json.dumps(plain(content), indent=2, allow_nan=False)
+        (folder / PLAN_FILE).write_text(text + "\n")
         return folder
 
     @staticmethod
