@@ -18,9 +18,10 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
     """Returns the checks of a plan by name.
 
     `closure` [m, rad], `force_balance` [N], `torque_balance` [Nm], `end_speed` [rad/s],
-    `replay_end` and `replay_max` [m] (or `replay`, in words, where it diverges), `hamiltonian` (its drift over the range of its terms),
-    `pontryagin_residual` (relative residual of the adjoint equations), `condition` (worst
-    condition number of the closure), `limits` (what exceeds a limit, in words).
+    `replay_end` and `replay_max` [m] (or `replay`, in words, where it diverges), `hamiltonian`
+    (its drift over the range of its terms), `pontryagin_residual` (relative residual of the adjoint
+    equations), `condition` (worst condition number of the closure), `limits` (what exceeds a
+    limit, in words).
 
     Args:
         chain: The closed chain.
