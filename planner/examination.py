@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from planner.arm import Arm, Side, read_arm, urdf_path
+from planner.assembly import build_chain
 from planner.body import Body, object_path, read_object
-from planner.chain import ClosedChain, build_chain
+from planner.chain import ClosedChain
 from planner.conditioning import NEAR_SINGULAR, SINGULAR, arm_conditions, closure_condition
 from planner.criteria import joint_weights
 from planner.errors import InputError, ScenarioError, UnreachableError

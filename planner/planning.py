@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.checks import verify
 from planner.criteria import joint_weights
 from planner.criteria.jerk import jerk_motion

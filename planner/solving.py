@@ -27,7 +27,7 @@ from planner.transport import Transport
 if TYPE_CHECKING:
     from planner.result import Plan
     from planner.scenario import Scenario
-    from planner.solvers.spectral_problem import Curves
+    from planner.solvers.curves import Curves
 
 __all__ = ["solve"]
 

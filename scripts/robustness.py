@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import planner
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.solution import Solution
 from planner.solving import solve
 from planner.transport import make_transport

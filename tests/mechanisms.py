@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.constrained_dynamics import (
     Joints,
     Motion,

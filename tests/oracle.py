@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from mechanisms import Mechanism, differences
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.pairs import across
 
 SETTINGS = (1e-14, 1e-14, 1e-6, 50)

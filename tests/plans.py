@@ -9,8 +9,8 @@ from typing import Any
 import mechanisms
 import numpy as np
 
+from planner.assembly import build_chain
 from planner.boundary_value_problem import BoundaryValueProblem
-from planner.chain import build_chain
 from planner.planning import plan
 from planner.result import Plan
 from planner.scenario import Scenario

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from planner.arm import Arm, read_arm, read_visuals
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.errors import ModelError
 from planner.scenario import Scenario
 

@@ -8,8 +8,8 @@ import mechanisms
 import numpy as np
 import pytest
 
+from planner.assembly import build_chain
 from planner.body import Body, read_object
-from planner.chain import build_chain
 from planner.errors import ModelError
 from planner.forces import object_motion
 

@@ -10,7 +10,8 @@ import pytest
 from mechanisms import human_arms as human
 from plans import CASES, planned, solved
 
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.checks import exceeded_limits, hamiltonian_drift, verify
 from planner.result import Plan
 

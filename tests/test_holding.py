@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mechanisms import Mechanism, random_states
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.constrained_dynamics import Motion
 from planner.errors import ScenarioError
 from planner.forces import hand_forces

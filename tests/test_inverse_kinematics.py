@@ -13,7 +13,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from mechanisms import Mechanism, differences, mirrored, random_states, relative_error
 
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.errors import UnreachableError
 from planner.inverse_kinematics import (
     ObjectPose,

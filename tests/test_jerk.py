@@ -11,7 +11,7 @@ from mechanisms import Mechanism, planar_arms, random_states
 from mechanisms import human_arms as human
 from plans import JERK, planned, transport_of
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.criteria.jerk import JerkMotion, jerk_motion, pseudo_inverse_torque
 from planner.outcome import Failure
 from planner.planning import plan

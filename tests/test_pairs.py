@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.errors import ModelError
 from planner.pairs import across, make_pair
 

@@ -12,7 +12,7 @@ from mechanisms import arm_urdf, pandas, planar_arms, write
 from mechanisms import human_arms as human
 from plans import CASES, FREE, TORQUE, ZERO_ENDS, at_share, planned, solved
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.planning import plan
 from planner.result import Plan
 from planner.scenario import Scenario

@@ -10,7 +10,8 @@ from mechanisms import Mechanism, planar_arms, settle
 from mechanisms import human_arms as human
 from plans import CASES, planned
 
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.holding import static_torque
 from planner.replay import can_replay, constraint_model, replay, replay_error
 from planner.result import Plan

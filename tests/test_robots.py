@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from planner import load, plan
+from planner.assembly import build_chain
 from planner.body import read_object
-from planner.chain import build_chain
 from planner.inverse_kinematics import pose_error
 from planner.transport import make_transport
 

@@ -13,9 +13,11 @@ from plans import CASES, FREE, minimised, problem_of, solved
 
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.scenario import Scenario
+from planner.solvers.curves import Curves
 from planner.solvers.spectral import minimise, resolution
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_problem import Curves, Point, SpectralProblem
+from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.solvers.spectral_start import project
 
 DEGREE = 12
 
@@ -281,5 +283,5 @@ def test_projected_curves_are_found_again() -> None:
     problem = problem_of(human(FREE))
     spectral, point = somewhere(problem)
     curves, u = spectral.curves(point), spectral.nodes.u
-    found = spectral.project(point.ends, curves.y(u), curves.multiplier(u))
+    found = project(spectral, point.ends, curves.y(u), curves.multiplier(u))
     assert np.allclose(found, point.x, rtol=1e-6, atol=1e-8)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.criteria import make_criterion
 from planner.reproduction.cases import CRITERIA, FREE, JERK, TORQUE, Values, Workbench, preloaded
 from planner.reproduction.findings import Finding, Table, Verdict, tiny

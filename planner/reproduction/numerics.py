@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from planner.assembly import build_chain
 from planner.boundary_value_problem import BoundaryValueProblem, Guess
-from planner.chain import build_chain
 from planner.criteria import make_criterion
 from planner.outcome import Failure
 from planner.planning import plan as make_plan

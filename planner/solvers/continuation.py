@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planner.assembly import build_chain
 from planner.boundary_value_problem import BoundaryValueProblem
-from planner.chain import build_chain
 from planner.constrained_dynamics import Joints
 from planner.criteria import make_criterion
 from planner.errors import InputError
@@ -26,7 +26,7 @@ from planner.transport import Transport, make_transport
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
-    from planner.solvers.spectral_problem import Curves
+    from planner.solvers.curves import Curves
 
 _FIRST_STEP = 0.5
 _LEAST_STEP = 0.02

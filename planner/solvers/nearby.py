@@ -9,7 +9,7 @@ import numpy as np
 
 from planner.errors import InputError
 from planner.independent_joints import choose_joints
-from planner.solvers.spectral_problem import Curves
+from planner.solvers.curves import Curves
 from planner.transport import Transport
 from planner.vectors import cross, matvec
 

@@ -24,9 +24,11 @@ from scipy.interpolate import CubicSpline
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.solution import ProgressCallback, Refinement
+from planner.solvers.curves import Curves
 from planner.solvers.spectral_curvature import torque_curvature
 from planner.solvers.spectral_ends import EndValues
-from planner.solvers.spectral_problem import Curves, Point, SpectralProblem
+from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.solvers.spectral_start import carry_over, project
 from planner.solvers.trust_region import newton_step, reduce_model, trust_region_step
 from planner.transport import Transport
 
@@ -172,11 +174,11 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
     both = ends[0], ends[1]
     u = problem.nodes.u
     if curves is not None:
-        point = problem.evaluate(problem.carry_over(curves), both)
+        point = problem.evaluate(carry_over(problem, curves), both)
         if point is not None:
             return point
     path = CubicSpline(transport.share, transport.guess[:, independent])(u)
-    point = problem.evaluate(problem.project(both, path, None), both)
+    point = problem.evaluate(project(problem, both, path, None), both)
     return point or problem.evaluate(np.zeros(problem.size), both)
 
 

@@ -12,6 +12,7 @@ from planner.constrained_dynamics import Tangent, tangent
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.solvers.basis import Basis, basis_at_nodes, gauss_nodes, make_basis
+from planner.solvers.curves import Curves
 from planner.solvers.inverse_torques import Torques, inverse_torques
 from planner.solvers.spectral_ends import Ends, EndValues
 from planner.transport import Transport
@@ -21,34 +22,6 @@ _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
 _OVERSAMPLING = 1.7
 _CLOSURE = 1e-10  # m, rad: while the motion still changes
-
-
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """A motion and multiplier as polynomials of the share of the duration.
-
-    Attributes:
-        motion: Legendre coefficients of y, (degree + 1, p).
-        force: Legendre coefficients of lambda, (degree + 1, m).
-    """
-
-    motion: np.ndarray
-    force: np.ndarray
-
-    def y(self, share: np.ndarray, order: int = 0) -> np.ndarray:
-        """Returns y's derivative of some order in the share, (K, p)."""
-        return _evaluate(self.motion, share, order)
-
-    def multiplier(self, share: np.ndarray, order: int = 0) -> np.ndarray:
-        """Returns lambda's derivative of some order in the share, (K, m)."""
-        return _evaluate(self.force, share, order)
-
-
-def _evaluate(coefficients: np.ndarray, share: np.ndarray, order: int) -> np.ndarray:
-    if order:
-        coefficients = 2.0**order * np.polynomial.legendre.legder(coefficients, order, axis=0)
-    values: np.ndarray = np.polynomial.legendre.legval(2.0 * share - 1.0, coefficients).T
-    return values
 
 
 @dataclass(eq=False)
@@ -148,7 +121,8 @@ class SpectralProblem:
 
     # ---- evaluation ------------------------------------------------------------------------------
 
-    def _carried(self, ends: tuple[EndValues, EndValues]) -> tuple[np.ndarray, np.ndarray]:
+    def carried(self, ends: tuple[EndValues, EndValues]) -> tuple[np.ndarray, np.ndarray]:
+        """Returns what motion and multiplier take at the ends, start first."""
         duration = self.transport.duration
         motion = np.array([*ends[0].motion(duration), *ends[1].motion(duration)])
         forces = [end.multiplier for end in ends if end.multiplier is not None]
@@ -158,7 +132,7 @@ class SpectralProblem:
         self, x: np.ndarray, ends: tuple[EndValues, EndValues]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns all coefficients of motion and force on their bases."""
-        motion, force = self._carried(ends)
+        motion, force = self.carried(ends)
         places = self.places
         return (
             np.vstack([motion, x[places[0]].reshape(-1, self.p)]),
@@ -319,51 +293,6 @@ class SpectralProblem:
         return Curves(
             self.motion_basis.coefficients @ motion, self.force_basis.coefficients @ force
         )
-
-    def project(
-        self, ends: tuple[EndValues, EndValues], y: np.ndarray, multiplier: np.ndarray | None
-    ) -> np.ndarray:
-        """Returns the unknowns nearest to a motion, (K, p), and multiplier, (K, m), at nodes."""
-        motion, force = self._carried(ends)
-        root = np.sqrt(self.nodes.weights)[:, None]
-        places, result = self.places, np.zeros(self.size)
-        skip = len(motion)
-        rest = root * (y - self.phi[0][:, :skip] @ motion)
-        found = np.linalg.lstsq(root * self.phi[0][:, skip:], rest, rcond=None)[0]
-        result[places[0]] = found.ravel()
-        if multiplier is not None:
-            skip = len(force)
-            rest = root * (multiplier - self.psi[:, :skip] @ force)
-            found = np.linalg.lstsq(root * self.psi[:, skip:], rest, rcond=None)[0]
-            result[places[1]] = found.ravel()
-        return result
-
-    def carry_over(self, curves: Curves) -> np.ndarray:
-        """Returns the unknowns of given curves: what is left of them beside their own ends.
-
-        Other ends then bend the motion as little as their polynomial does, instead of in haste.
-        """
-        ends = np.array([0.0, 1.0])
-        orders = range(max(self.motion_basis.ends))
-        values = [curves.y(ends, order) for order in orders]
-        own = [
-            values[order][index]
-            for index in (0, 1)
-            for order in range(self.motion_basis.ends[index])
-        ]
-        force_values = curves.multiplier(ends)
-        own_force = [force_values[index] for index in (0, 1) if self.force_basis.ends[index]]
-        u, root = self.nodes.u, np.sqrt(self.nodes.weights)[:, None]
-        places, result = self.places, np.zeros(self.size)
-        for place, basis_values, carried, wanted in (
-            (places[0], self.phi[0], own, curves.y(u)),
-            (places[1], self.psi, own_force, curves.multiplier(u)),
-        ):
-            skip = len(carried)
-            rest = wanted - (basis_values[:, :skip] @ np.array(carried) if skip else 0.0)
-            free = root * basis_values[:, skip:]
-            result[place] = np.linalg.lstsq(free, root * rest, rcond=None)[0].ravel()
-        return result
 
     def moved(self, point: Point, move: np.ndarray) -> Point | None:
         """Returns the iterate after a step in the unknowns; None where it cannot be closed."""

@@ -19,7 +19,8 @@ from peers.measure import (
     summary,
 )
 from peers.task import read_task
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.scenario import Scenario
 
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

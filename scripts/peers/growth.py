@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from planner.chain import build_chain
+from planner.assembly import build_chain
 from planner.scenario import Scenario
 
 LENGTH, MASS = 0.6, 2.0  # of a whole arm [m, kg], as the paper's

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from planner.chain import ClosedChain, build_chain
+from planner.assembly import build_chain
+from planner.chain import ClosedChain
 from planner.constrained_dynamics import tangent
 from planner.criteria import make_criterion
 from planner.holding import preload_torque, static_torque
