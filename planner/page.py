@@ -7,6 +7,8 @@ import html
 from pathlib import Path
 from typing import Any
 
+from planner.collada import one_material_each
+
 
 class Recorder:
     """Stands in for meshcat's window: keeps the commands instead of sending them to a server.
@@ -24,7 +26,15 @@ class Recorder:
 
     def send(self, command: Any) -> None:
         """Keeps one of meshcat's commands."""
-        self.commands.append(command.lower())
+        lowered = command.lower()
+        contents = lowered.get("object")
+        if isinstance(contents, dict):
+            whole = contents.get("object")
+            parts = [*contents.get("geometries", ()), whole if isinstance(whole, dict) else {}]
+            for part in parts:
+                if part.get("format") == "dae" and isinstance(part.get("data"), str):
+                    part["data"] = one_material_each(part["data"])
+        self.commands.append(lowered)
 
     def get_scene(self) -> str:
         """Returns the scene as one page of HTML that needs no server and no network."""
