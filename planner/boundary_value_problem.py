@@ -15,11 +15,10 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from planner.boundary_conditions import EndConditions
-from planner.constrained_dynamics import tangent
+from planner.constrained_dynamics import pseudo_inverse_torque, tangent
 from planner.criteria.base import Criterion, Evaluation
 from planner.independent_joints import Coordinates
 from planner.transport import Transport
-from planner.vectors import matvec, transpose
 
 _DIFFERENCE = 1e-4  # of a scaled state, for boundary conditions that are not linear
 
@@ -79,8 +78,7 @@ class BoundaryValueProblem:
         chain = transport.chain
         at = tangent(chain, transport.joints, q, chain.dynamics.placements(q))
         load = chain.dynamics.inverse_dynamics(q, v, a)
-        reduced = np.linalg.solve(transpose(at.s) @ at.s, transpose(at.s) @ load[..., None])
-        tau = matvec(at.s, reduced[..., 0])
+        tau = pseudo_inverse_torque(at.s, load)
         x = np.zeros((len(share), 2 * criterion.state_size))
         x[:, criterion.at_y] = q[:, transport.joints.independent]
         x[:, criterion.at_rate] = v[:, transport.joints.independent]
@@ -99,7 +97,7 @@ class BoundaryValueProblem:
         """Units of states and costates, (2 * state_size,)."""
         guess = self.straight_guess
         criterion, transport = self.criterion, self.transport
-        p, duration = criterion.p, transport.duration
+        duration = transport.duration
         units = np.ones(criterion.state_size)
         units[criterion.at_rate] = 1.0 / duration
         cost = guess.cost
@@ -113,7 +111,6 @@ class BoundaryValueProblem:
             squares += float(np.max(criterion.torque_weights)) * duration
             cost = max(cost, squares * torque**2)
         cost = max(cost, 1e-12)
-        assert len(units) >= 2 * p
         return np.concatenate([units, cost / units])
 
     def _ends(self) -> tuple[tuple[EndConditions, int], tuple[EndConditions, int]]:

@@ -141,6 +141,21 @@ def accelerate(
     return Motion(at, v, terms.inertia, terms.reduced, a, multiplier)
 
 
+def pseudo_inverse_torque(
+    s: np.ndarray, load: np.ndarray, weights: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Returns the torques of least weighted norm that move the closed chain alike (eq. 17).
+
+    Args:
+        s: S = dq/dy, (K, N, p).
+        load: Torques I a + C + G of the open chain, (K, N) [Nm].
+        weights: Weights of the squared torques, (N,) or one for all.
+    """
+    spread = s / np.reshape(weights, (-1, 1))
+    share = np.linalg.solve(transpose(s) @ spread, transpose(s) @ load[..., None])
+    return matvec(spread, share[..., 0])
+
+
 @dataclass(frozen=True, eq=False)
 class Linearization:
     """Derivatives of the independent joints' accelerations (or of the multiplier, with m rows).

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.chain import ClosedChain
-from planner.constrained_dynamics import Tangent
+from planner.constrained_dynamics import Tangent, pseudo_inverse_torque
 from planner.errors import ScenarioError
 from planner.vectors import cross, matvec, transpose
 
@@ -36,10 +36,7 @@ def static_torque(chain: ClosedChain, at: Tangent) -> np.ndarray:
 
     All torques that hold it have the same share in the range of S: that share is the shortest.
     """
-    load = gravity_torque(chain, at.q)
-    s = at.s
-    reduced = np.linalg.solve(transpose(s) @ s, (transpose(s) @ load[..., None]))
-    return matvec(s, reduced[..., 0])
+    return pseudo_inverse_torque(at.s, gravity_torque(chain, at.q))
 
 
 def preload_torque(chain: ClosedChain, at: Tangent, preload: Preload) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from planner.assembly import build_chain
 from planner.chain import ClosedChain
 from planner.checks import verify
+from planner.constrained_dynamics import Motion
 from planner.criteria import joint_weights
 from planner.criteria.jerk import jerk_motion
 from planner.forces import hand_forces
@@ -50,12 +51,17 @@ def plan(
     began = time.perf_counter()
     chain = chain or build_chain(scenario)
     transport = make_transport(scenario, chain, near=None if start is None else start.q)
+    solution: Solution | None = None
+    result: Plan | Failure
     if scenario.criterion.kind == "jerk":
-        return _least_jerk(scenario, transport, began)
-    solution = solve(scenario, transport, progress=progress, start=start)
-    if isinstance(solution, Failure):
-        return solution
-    result = sample(scenario, solution)
+        result = _least_jerk(scenario, transport, began)
+    else:
+        found = solve(scenario, transport, progress=progress, start=start)
+        if isinstance(found, Failure):
+            return found
+        solution, result = found, sample(scenario, found)
+    if isinstance(result, Failure):
+        return result
     result = replace(result, checks=verify(chain, result, solution))
     return replace(result, solver=result.solver | {"seconds_total": time.perf_counter() - began})
 
@@ -65,13 +71,18 @@ def sample(scenario: Scenario, solution: Solution) -> Plan:
     transport, criterion = solution.problem.transport, solution.problem.criterion
     share = np.linspace(0.0, 1.0, scenario.solver.samples)
     x, at = solution.evaluate(share)
-    forces = hand_forces(transport.chain, at.motion)
-    position, rotation = transport.chain.object_pose(at.tangent.at)
-    return Plan(
-        scenario=scenario,
+    bare = _plan_of_motion(
+        scenario,
+        transport,
+        share,
+        at.motion,
+        np.array(at.tau),
+        criterion.torque_rate(solution.problem.coordinates, share, x, at),
+    )
+    return replace(
+        bare,
         criterion=criterion.name,
         cost=solution.cost,
-        duration=transport.duration,
         solver={
             "method": solution.method,
             "nodes": len(solution.mesh),
@@ -79,31 +90,15 @@ def sample(scenario: Scenario, solution: Solution) -> Plan:
             "rms_residual": solution.residual,
             "seconds": solution.seconds,
         },
-        checks={},
         remarks=solution.remarks,
-        time=share * transport.duration,
-        joint_names=transport.chain.joint_names,
-        q=at.tangent.q,
-        v=at.motion.v,
-        a=at.motion.a,
-        tau=np.array(at.tau),
-        tau_rate=criterion.torque_rate(solution.problem.coordinates, share, x, at),
-        object_position=position,
-        object_rotation=rotation,
-        hand_force_left=forces.left_force,
-        hand_force_right=forces.right_force,
-        hand_moment_left=forces.left_moment,
-        hand_moment_right=forces.right_moment,
-        internal_force=forces.left_force - forces.right_force,
         adjoint=x[:, criterion.state_size :].copy(),
     )
 
 
 def _least_jerk(scenario: Scenario, transport: Transport, began: float) -> Plan | Failure:
     """Returns the minimum-jerk plan, which needs no boundary value problem."""
-    chain = transport.chain
     share = np.linspace(0.0, 1.0, scenario.solver.samples)
-    found = jerk_motion(transport, share, joint_weights(scenario, chain))
+    found = jerk_motion(transport, share, joint_weights(scenario, transport.chain))
     seconds = time.perf_counter() - began
     if isinstance(found, float):
         return failure(
@@ -112,29 +107,53 @@ def _least_jerk(scenario: Scenario, transport: Transport, began: float) -> Plan 
             scenario,
             time=found,
         )
-    forces = hand_forces(chain, found.motion)
-    position, rotation = chain.object_pose(found.motion.tangent.at)
-    result = Plan(
+    bare = _plan_of_motion(scenario, transport, share, found.motion, found.tau, found.tau_rate)
+    solver = {
+        "method": "closed-form",
+        "nodes": len(share),
+        "iterations": 0,
+        "rms_residual": 0.0,
+        "seconds": seconds,
+    }
+    return replace(bare, criterion="jerk", cost=found.cost, solver=solver)
+
+
+def _plan_of_motion(
+    scenario: Scenario,
+    transport: Transport,
+    share: np.ndarray,
+    motion: Motion,
+    tau: np.ndarray,
+    tau_rate: np.ndarray,
+) -> Plan:
+    """Returns the plan of a sampled motion, with what its solver knows of it still to be filled in.
+
+    Args:
+        scenario: What is planned.
+        transport: The motion asked for.
+        share: Shares of the duration, (K,).
+        motion: Accelerations and forces there.
+        tau: Torques, (K, N) [Nm].
+        tau_rate: Their rates, (K, N) [Nm/s].
+    """
+    chain = transport.chain
+    forces = hand_forces(chain, motion)
+    position, rotation = chain.object_pose(motion.tangent.at)
+    return Plan(
         scenario=scenario,
-        criterion="jerk",
-        cost=found.cost,
+        criterion=scenario.criterion.kind,
+        cost=np.nan,
         duration=transport.duration,
-        solver={
-            "method": "closed-form",
-            "nodes": len(share),
-            "iterations": 0,
-            "rms_residual": 0.0,
-            "seconds": seconds,
-        },
+        solver={},
         checks={},
         remarks=(),
         time=share * transport.duration,
         joint_names=chain.joint_names,
-        q=found.motion.tangent.q,
-        v=found.motion.v,
-        a=found.motion.a,
-        tau=found.tau,
-        tau_rate=found.tau_rate,
+        q=motion.tangent.q,
+        v=motion.v,
+        a=motion.a,
+        tau=tau,
+        tau_rate=tau_rate,
         object_position=position,
         object_rotation=rotation,
         hand_force_left=forces.left_force,
@@ -144,5 +163,3 @@ def _least_jerk(scenario: Scenario, transport: Transport, began: float) -> Plan 
         internal_force=forces.left_force - forces.right_force,
         adjoint=np.empty((len(share), 0)),
     )
-    result = replace(result, checks=verify(chain, result, None))
-    return replace(result, solver=result.solver | {"seconds_total": time.perf_counter() - began})

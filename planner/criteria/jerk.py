@@ -13,11 +13,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from planner.chain import ClosedChain
-from planner.constrained_dynamics import Motion, accelerate, inertial, tangent
+from planner.constrained_dynamics import (
+    Motion,
+    accelerate,
+    inertial,
+    pseudo_inverse_torque,
+    tangent,
+)
 from planner.forces import object_twist
 from planner.inverse_kinematics import follow_poses, pose_error
 from planner.transport import StraightMotion, Transport, straight_motion
-from planner.vectors import matvec, transpose
+from planner.vectors import matvec
 
 _FINE = 4  # substeps between two samples where the rates of least norm are integrated
 
@@ -66,19 +72,6 @@ def jerk_motion(transport: Transport, share: np.ndarray, weights: np.ndarray) ->
     jerk = straight_motion(transport.start, transport.goal, nodes, transport.duration).jerk
     cost = float(0.25 * transport.duration * parts @ (jerk**2).sum(-1))
     return JerkMotion(motion, tau, CubicSpline(time, tau)(time, 1), cost)
-
-
-def pseudo_inverse_torque(s: np.ndarray, load: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Returns the torques of least weighted norm that move the closed chain alike (eq. 17).
-
-    Args:
-        s: S = dq/dy, (K, N, p).
-        load: Torques I a + C + G of the open chain, (K, N) [Nm].
-        weights: Weights of the squared torques, (N,).
-    """
-    spread = s / weights[:, None]
-    share = np.linalg.solve(transpose(s) @ spread, transpose(s) @ load[..., None])
-    return matvec(spread, share[..., 0])
 
 
 def _follow(transport: Transport, share: np.ndarray, line: StraightMotion) -> np.ndarray | float:
