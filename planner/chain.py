@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from planner.arm import Arm
 from planner.body import Body
-from planner.closure import Loop
+from planner.closure import Loop, LoopOrder
 from planner.equation_of_motion import EquationOfMotion, Placements
 from planner.pairs import Pair, across
-from planner.vectors import cross, matvec, rotation_log, transpose
+from planner.vectors import cross, matvec, rotation_log, transpose, wrap, wrapped_cross
 
 CLOSURE_TOLERANCE = 1e-12
 _MAX_NEWTON_STEPS = 30
@@ -116,62 +116,84 @@ class ClosedChain:
         grasp = self.grasp_in_object
         return position + rotation @ grasp.translation, rotation @ grasp.rotation
 
+    @cached_property
+    def _grasp_in_left(self) -> pin.SE3:
+        return self.object_in_left * self.grasp_in_object
+
+    def _grasp_frame(self, at: Placements) -> np.ndarray:
+        """Returns the rotation of the grasp on the object, (K, 3, 3)."""
+        frame: np.ndarray = at.left_rotation @ self._grasp_in_left.rotation
+        return frame
+
     def offset(self, at: Placements) -> np.ndarray:
         """Returns the right hand's offset (position; rotation) from its grasp, (K, 6) [m, rad].
 
         Components are those of the grasp frame. Of the rotation, what the pair leaves free is
         left out.
         """
-        wanted, frame = self.grasp_pose(at)
-        position, rotation = self.right_tip(at)
-        result = np.zeros((len(position), 6))
-        result[:, :3] = matvec(transpose(frame), position - wanted)
-        relative = transpose(frame) @ rotation
+        wanted, tip = self._grasp_in_left, self.right.tip_placement
+        frame = self._grasp_frame(at)
+        from_left = at.right_translation - at.left_translation + at.right_rotation @ tip.translation
+        result = np.zeros((len(frame), 6))
+        result[:, :3] = (from_left[:, None, :] @ frame)[:, 0]
+        result[:, :3] -= wanted.translation @ wanted.rotation
+        if self.pair.rotation == "free":
+            return result
+        relative = transpose(frame) @ (at.right_rotation @ tip.rotation)
         if self.pair.rotation == "blocked":
             result[:, 3:] = rotation_log(relative)
-        elif self.pair.rotation == "axis":
-            turned = relative @ self.pair.axis
-            result[:, 3:] = cross(self.pair.axis, turned)
-            # beyond a right angle the cross product falls again: keep the sense of the way back
-            result[:, 3:] /= np.maximum(np.linalg.norm(result[:, 3:], axis=1), 1e-300)[:, None]
-            angle = np.arctan2(
-                np.linalg.norm(cross(self.pair.axis, turned), axis=1), turned @ self.pair.axis
-            )
-            result[:, 3:] *= angle[:, None]
+            return result
+        turned = relative @ self.pair.axis
+        result[:, 3:] = cross(self.pair.axis, turned)
+        # beyond a right angle the cross product falls again: keep the sense of the way back
+        result[:, 3:] /= np.maximum(np.linalg.norm(result[:, 3:], axis=1), 1e-300)[:, None]
+        angle = np.arctan2(
+            np.linalg.norm(cross(self.pair.axis, turned), axis=1), turned @ self.pair.axis
+        )
+        result[:, 3:] *= angle[:, None]
         return result
 
     def gap(self, at: Placements) -> np.ndarray:
         """Returns the closure g(q) (eq. 1), zero where both hands hold the object, (K, m)."""
         return self.offset(at) @ self.pair.blocked.T
 
+    @cached_property
+    def _order(self) -> LoopOrder:
+        split = self.left.n
+        return LoopOrder(np.r_[np.arange(split)[::-1], np.arange(split, self.n)])
+
+    @cached_property
+    def _sense(self) -> np.ndarray:
+        """Sense in which joints turn along the loop: against their own from hand to base, (N,)."""
+        return np.where(np.arange(self.n) < self.left.n, -1.0, 1.0)
+
     def loop(self, at: Placements) -> Loop:
         """Returns the twist columns of the loop from the left hand to the right."""
-        point, _ = self.right_tip(at)
-        split = self.left.n
-        angular = np.ascontiguousarray(transpose(at.columns[:, 3:]))
-        linear = transpose(at.columns[:, :3]) + cross(angular, point[:, None, :])
-        # from the left hand to the base the joints turn the other way
-        angular[:, :split] *= -1.0
-        linear[:, :split] *= -1.0
-        order = np.r_[np.arange(split)[::-1], np.arange(split, self.n)]
-        frame = self.grasp_pose(at)[1]
-        blocked = np.empty((len(point), self.m, 6))
-        blocked[..., :3] = self.pair.blocked[:, :3] @ transpose(frame)
-        blocked[..., 3:] = self.pair.blocked[:, 3:] @ transpose(frame)
+        count = len(at.columns)
+        frame = self._grasp_frame(at)
+        inverse = transpose(frame)
+        columns = inverse[:, None] @ at.columns.reshape(count, 2, 3, self.n)
+        columns *= self._sense
+        point = at.right_translation + at.right_rotation @ self.right.tip_placement.translation
+        point = wrap((point[:, None, :] @ frame)[:, 0].T)[..., None]
+        angular = wrap(columns[:, 1].transpose(1, 0, 2))
+        linear = wrapped_cross(angular, point)
+        linear += wrap(columns[:, 0].transpose(1, 0, 2))
         turning = self.pair.rotation != "free"
-        return Loop(linear[:, order], angular[:, order], blocked, order, turning)
+        return Loop(linear, angular, frame, self.pair.blocked, self._order, turning)
 
     def closure_columns(self, at: Placements, joints: np.ndarray) -> np.ndarray:
         """Returns some columns of the closure's Jacobian, (K, m, len(joints))."""
-        point, _ = self.right_tip(at)
-        frame = transpose(self.grasp_pose(at)[1])
-        columns = at.columns[:, :, joints]
-        sign = np.where(joints < self.left.n, -1.0, 1.0)
-        linear, angular = columns[:, :3] * sign, columns[:, 3:] * sign
-        moving = linear + transpose(cross(transpose(angular), point[:, None, :]))
-        result: np.ndarray = self.pair.blocked[:, :3] @ (frame @ moving)
+        point = at.right_translation + at.right_rotation @ self.right.tip_placement.translation
+        inverse = transpose(self._grasp_frame(at))
+        # as wrenches at the world's origin, where the columns are taken
+        rows = np.empty((len(point), self.m, 6))
+        force = self.pair.blocked[:, :3] @ inverse
+        rows[:, :, :3] = force
+        rows[:, :, 3:] = cross(point[:, None, :], force)
         if self.pair.rotation != "free":
-            result = result + self.pair.blocked[:, 3:] @ (frame @ angular)
+            rows[:, :, 3:] += self.pair.blocked[:, 3:] @ inverse
+        result: np.ndarray = rows @ (at.columns[:, :, joints] * self._sense[joints])
         return result
 
     def object_jacobian(self, at: Placements) -> np.ndarray:
@@ -223,25 +245,29 @@ class ClosedChain:
         at = self.dynamics.placements(q)
         error = self.gap(at)
         for _ in range(_MAX_NEWTON_STEPS):
-            size = np.max(np.abs(error), axis=1, initial=0.0)
+            size = np.abs(error).max(axis=1, initial=0.0)
             with np.errstate(invalid="ignore"):
-                closed = size < tolerance
-            open_ = np.flatnonzero(~closed & np.isfinite(size))
+                open_ = np.flatnonzero(~(size < tolerance) & np.isfinite(size))
             if not len(open_):
                 break
-            part = _take(at, open_)
-            step = -_solve(self.closure_columns(part, dependent), error[open_])
-            largest = np.max(np.abs(step), axis=1)
+            everywhere = len(open_) == len(q)
+            part, wrong = (at, error) if everywhere else (_take(at, open_), error[open_])
+            step = _solve(self.closure_columns(part, dependent), wrong)
+            largest = np.abs(step).max(axis=1)
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
-            # near round-off a step no longer helps: accept what stands below a looser bound
-            moved = q[open_]
-            moved[:, dependent] += step
+            moved = q if everywhere else q[open_]
+            moved[:, dependent] -= step
             new = self.dynamics.placements(moved)
             new_error = self.gap(new)
+            # near round-off a step no longer helps: accept what stands below a looser bound
             stuck = (largest < 1e-14) & (size[open_] < 1e-10)
-            q[open_], error[open_] = moved, np.where(stuck[:, None], 0.0, new_error)
-            _put(at, open_, new)
-        size = np.max(np.abs(error), axis=1, initial=0.0)
+            new_error[stuck] = 0.0
+            if everywhere:
+                at, error = new, new_error
+            else:
+                q[open_], error[open_] = moved, new_error
+                _put(at, open_, new)
+        size = np.abs(error).max(axis=1, initial=0.0)
         return q, at, size < 100.0 * max(tolerance, CLOSURE_TOLERANCE)
 
 
@@ -254,8 +280,6 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _take(at: Placements, index: np.ndarray) -> Placements:
-    if len(index) == len(at.columns):
-        return at
     return Placements(*(getattr(at, name)[index] for name in at.__dataclass_fields__))
 
 

@@ -3,9 +3,10 @@
 Seen from the left hand, the right hand is the end of a serial chain: the left arm's joints from
 the hand to the base, turning the other way, then the right arm's from the base to the hand. Its
 twist columns (l_j; w_j), taken at the right hand, give everything: for a chain whose joint k comes
-no later than joint j,  dJ_j/dq_k = w_k x J_j,  else  (w_j x l_k; 0).  Running sums over the joints
-then yield first and second derivatives without a loop. A pair selects which of the six relative
-motions are blocked; its rows are fixed in the frame of the grasp on the object.
+no later than joint j,  dJ_j/dq_k = w_k x J_j,  else  (w_j x l_k; 0).  Sums over the joints before
+or beyond each one then yield first and second derivatives without a loop. A pair selects which of
+the six relative motions are blocked; columns are expressed in the frame of the grasp on the object,
+where its rows are constant.
 """
 
 from __future__ import annotations
@@ -15,142 +16,155 @@ from typing import Any
 
 import numpy as np
 
-from planner.vectors import cross, matvec, transpose
+from planner.vectors import transpose, wrap, wrapped_cross
+
+
+class LoopOrder:
+    """In which order the joints come along the loop, as constant operators.
+
+    Attributes:
+        before: before[j, k] = 1 where joint j comes before joint k, (N, N).
+        from_here: from_here[j, k] = 1 where joint j is joint k or beyond it, (N, N).
+    """
+
+    def __init__(self, joints: np.ndarray) -> None:
+        """Takes the joint index of each place in the loop, (N,)."""
+        place = np.argsort(joints)
+        self.before = (place[:, None] < place[None, :]).astype(float)
+        self.from_here = 1.0 - self.before
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Twist columns of the loop for K samples, joints in loop order.
+    """Twist columns of the loop for K samples, in the axes of the grasp.
 
     Attributes:
         linear: l_j, velocity of the right hand's point relative to the left hand per joint rate,
-            in world axes, (K, N, 3).
-        angular: w_j, (K, N, 3).
-        blocked: The pair's rows in world axes, (K, m, 6).
-        order: Joint index of each place in the loop, (N,).
+            wrapped vectors, (5, K, N).
+        angular: w_j, likewise.
+        frame: Rotation of the grasp's axes in the world, (K, 3, 3).
+        blocked: The pair's rows, (m, 6).
+        order: Order of the joints.
         turning: Whether the pair blocks rotations; if not, their terms are left out.
     """
 
     linear: np.ndarray
     angular: np.ndarray
+    frame: np.ndarray
     blocked: np.ndarray
-    order: np.ndarray
+    order: LoopOrder
     turning: bool = True
     _known: list[Any] = field(default_factory=list, repr=False)
 
-    def _to_loop(self, rates: np.ndarray) -> np.ndarray:
-        return rates[:, self.order, None]
-
     def _rows(self, linear: np.ndarray, angular: np.ndarray | None) -> np.ndarray:
-        """Returns blocked rows of per-joint vectors, (K, N, 3) twice to (K, m, N), joint order."""
-        result = np.empty((len(linear), self.blocked.shape[1], len(self.order)))
-        rows = self.blocked[:, :, :3] @ transpose(linear)
-        if angular is not None:
-            rows += self.blocked[:, :, 3:] @ transpose(angular)
-        result[:, :, self.order] = rows
-        return result
+        """Returns blocked rows of per-joint vectors, (5, K, N) twice to (K, m, N)."""
+        shape = linear.shape[1:]
+        rows = self.blocked[:, :3] @ linear[:3].reshape(3, -1)
+        if angular is not None and self.turning:
+            rows += self.blocked[:, 3:] @ angular[:3].reshape(3, -1)
+        return rows.reshape(-1, *shape).transpose(1, 0, 2)
 
     def _moving(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the columns times the rates and the spin before each joint; the last are kept."""
         if self._known and self._known[0][0] is v:
             return self._known[0][1]
-        rates = self._to_loop(v)
-        linear, angular = self.linear * rates, self.angular * rates
-        found = linear, angular, _before(angular)
+        angular = self.angular * v
+        found = self.linear * v, angular, angular @ self.order.before
         self._known[:] = [(v, found)]
         return found
 
     def jacobian(self) -> np.ndarray:
         """Returns Gamma = dg/dq on the closed chain, (K, m, N)."""
-        return self._rows(self.linear, self.angular if self.turning else None)
+        return self._rows(self.linear, self.angular)
 
     def wrench(self, multiplier: np.ndarray) -> np.ndarray:
         """Returns the wrench (force; moment) on the right hand at its point, world axes, (K, 6)."""
-        return matvec(transpose(self.blocked), multiplier)
+        own = (multiplier @ self.blocked).reshape(-1, 2, 3)
+        return (own @ transpose(self.frame)).reshape(-1, 6)
+
+    def multiplier(self, wrench: np.ndarray) -> np.ndarray:
+        """Returns the components along the pair's rows of a wrench in world axes, (K, 6) to (K, m).
+
+        What the pair does not transmit is left out.
+        """
+        own = (wrench.reshape(-1, 2, 3) @ self.frame).reshape(-1, 6)
+        result: np.ndarray = own @ self.blocked.T
+        return result
 
     def bias(self, v: np.ndarray) -> np.ndarray:
         """Returns the relative acceleration at zero joint acceleration, gamma_0, (K, m)."""
         linear, angular, before = self._moving(v)
-        along = cross(2.0 * before + angular, linear).sum(axis=1)
-        result = matvec(self.blocked[:, :, :3], along)
+        along = wrapped_cross(2.0 * before + angular, linear)[:3].sum(axis=2)
+        result: np.ndarray = self.blocked[:, :3] @ along
         if self.turning:
-            result += matvec(self.blocked[:, :, 3:], cross(before, angular).sum(axis=1))
-        return result
+            result += self.blocked[:, 3:] @ wrapped_cross(before, angular)[:3].sum(axis=2)
+        return result.T
 
     def velocity_derivative(self, v: np.ndarray) -> np.ndarray:
         """Returns d(Gamma v)/dq at constant v, (K, m, N)."""
         linear, angular, before = self._moving(v)
-        turned = cross(self.angular, _from_here(angular)) if self.turning else None
-        return self._rows(
-            cross(before, self.linear) + cross(self.angular, _from_here(linear)), turned
-        )
+        here = self.order.from_here
+        turned = wrapped_cross(self.angular, angular @ here) if self.turning else None
+        moved = wrapped_cross(before, self.linear) + wrapped_cross(self.angular, linear @ here)
+        return self._rows(moved, turned)
 
     def force_derivative(self, v: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         """Returns d(v' Gamma' multiplier)/dq at constant v and multiplier, (K, N)."""
-        return matvec(transpose(self.velocity_derivative(v)), multiplier)
+        result: np.ndarray = (multiplier[:, None, :] @ self.velocity_derivative(v))[:, 0]
+        return result
 
     def force_jacobian(self, multiplier: np.ndarray) -> np.ndarray:
         """Returns d(Gamma' multiplier)/dq, (K, N, N): row j, derivative along joint k."""
-        wrench = self.wrench(multiplier)
-        force, moment = wrench[:, None, :3], wrench[:, None, 3:]
-        place = np.arange(len(self.order))
-        inner = (place[None, :] <= place[:, None])[None, :, :]
+        force = wrap(self.blocked[:, :3].T @ multiplier.T)[..., None]
         # (w_k x l_j) F = w_k (l_j x F), and likewise for the others
-        arms = cross(self.linear, force)
+        arms = wrapped_cross(self.linear, force)
         if self.turning:
-            arms += cross(self.angular, moment)
-        turned = arms @ transpose(self.angular)
-        moved = cross(force, self.angular) @ transpose(self.linear)
-        result = np.empty_like(turned)
-        result[:, self.order[:, None], self.order[None, :]] = np.where(inner, turned, moved)
-        return result
+            moment = wrap(self.blocked[:, 3:].T @ multiplier.T)[..., None]
+            arms += wrapped_cross(self.angular, moment)
+        turned = arms[:3].transpose(1, 2, 0) @ self.angular[:3].transpose(1, 0, 2)
+        moved = wrapped_cross(force, self.angular)
+        moved = moved[:3].transpose(1, 2, 0) @ self.linear[:3].transpose(1, 0, 2)
+        # joint k comes no later than joint j: j is k or beyond it
+        return np.where(self.order.from_here, turned, moved)
 
-    def acceleration_derivatives(
+    def derivatives(
         self, v: np.ndarray, a: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the derivatives of gamma = Gamma a + (dGamma/dt) v.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the derivatives of Gamma v and of gamma = Gamma a + (dGamma/dt) v.
 
         Args:
             v: Joint velocity, (K, N) [rad/s].
             a: Joint acceleration, (K, N) [rad/s^2].
 
         Returns:
-            Along q at constant v and a, and along v, each (K, m, N).
+            Of gamma along q at constant v and a, of gamma along v, and of Gamma v along q at
+            constant v, each (K, m, N).
         """
         linear, angular, before = self._moving(v)
-        accelerations = self._to_loop(a)
-        steps = self.linear * accelerations + cross(2.0 * before + angular, linear)
-        turns = self.angular * accelerations + cross(before, angular)
+        here = self.order.from_here
+        steps = self.linear * a + wrapped_cross(2.0 * before + angular, linear)
+        turns = self.angular * a + wrapped_cross(before, angular)
         # motion of what lies beyond joint l as seen from the body before it
-        velocity = _from_here(linear)
-        acceleration = _from_here(steps) - 2.0 * cross(before, velocity)
-        swing = cross(self.angular, velocity)
-        carried = cross(before, self.linear)
+        velocity = linear @ here
+        acceleration = steps @ here - 2.0 * wrapped_cross(before, velocity)
+        swing = wrapped_cross(self.angular, velocity)
+        carried = wrapped_cross(before, self.linear)
         along_q = (
-            cross(_before(turns), self.linear)
-            + cross(before, carried + 2.0 * swing)
-            + cross(self.angular, acceleration)
+            wrapped_cross(turns @ self.order.before, self.linear)
+            + wrapped_cross(before, carried + 2.0 * swing)
+            + wrapped_cross(self.angular, acceleration)
         )
-        along_v = 2.0 * (carried + swing)
+        slip = carried + swing
         if not self.turning:
-            return self._rows(along_q, None), self._rows(along_v, None)
-        spin = _from_here(angular)
-        spin_rate = _from_here(turns) - cross(before, spin)
-        turned = cross(self.angular, spin)
+            slip_rows = self._rows(slip, None)
+            return self._rows(along_q, None), 2.0 * slip_rows, slip_rows
+        spin = angular @ here
+        spin_rate = turns @ here - wrapped_cross(before, spin)
+        turned = wrapped_cross(self.angular, spin)
+        turned_q = wrapped_cross(self.angular, spin_rate) + wrapped_cross(before, turned)
+        turned_v = wrapped_cross(before, self.angular) + turned
         return (
-            self._rows(along_q, cross(self.angular, spin_rate) + cross(before, turned)),
-            self._rows(along_v, cross(before, self.angular) + turned),
+            self._rows(along_q, turned_q),
+            self._rows(2.0 * slip, turned_v),
+            self._rows(slip, turned),
         )
-
-
-def _before(values: np.ndarray) -> np.ndarray:
-    """Returns sums over all joints before each one, (K, N, 3)."""
-    result = np.empty_like(values)
-    result[:, 0] = 0.0
-    np.cumsum(values[:, :-1], axis=1, out=result[:, 1:])
-    return result
-
-
-def _from_here(values: np.ndarray) -> np.ndarray:
-    """Returns sums over each joint and all beyond it, (K, N, 3)."""
-    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

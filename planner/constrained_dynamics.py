@@ -195,12 +195,11 @@ class InverseDerivatives:
 def inverse_derivatives(chain: ClosedChain, joints: Joints, motion: Motion) -> InverseDerivatives:
     """Returns what all derivatives of the motion are made of, see `InverseDerivatives`."""
     at = motion.tangent
-    _, torque_q, torque_v, _ = chain.dynamics.inverse_dynamics_derivatives(at.q, motion.v, motion.a)
-    closure_q, closure_v = at.loop.acceleration_derivatives(motion.v, motion.a)
-    slip = at.loop.velocity_derivative(motion.v)
+    _, load = chain.dynamics.inverse_dynamics_derivatives(at.q, motion.v, motion.a)
+    closure_q, closure_v, slip = at.loop.derivatives(motion.v, motion.a)
     drag = np.zeros_like(at.s)
     drag[:, joints.dependent] = -at.inverse @ (slip @ at.s)
-    return InverseDerivatives(torque_q, torque_v, closure_q, closure_v, slip, drag)
+    return InverseDerivatives(load[:, 0], load[:, 1], closure_q, closure_v, slip, drag)
 
 
 def linearize(joints: Joints, motion: Motion, derivatives: InverseDerivatives) -> Linearization:

@@ -106,23 +106,20 @@ class EquationOfMotion:
 
     def inverse_dynamics_derivatives(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Returns I a + C + G, its derivatives along q and v, and along a, which is I.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns I a + C + G, (K, N), and its derivatives along q, v and a, (K, 3, N, N).
 
-        Shapes (K, N), then three times (K, N, N).
+        The last of them is I.
         """
         count, n = q.shape
-        torque = np.empty((count, n))
-        along_q, along_v, along_a = (np.empty((count, n, n)) for _ in range(3))
+        torque, along = np.empty((count, n)), np.empty((count, 3, n, n))
         model, data, compute = self.model, self._data, pin.computeRNEADerivatives
         tau, dq, dv, da = data.tau, data.dtau_dq, data.dtau_dv, data.M
-        rows = zip(
-            *map(np.ascontiguousarray, (q, v, a)), torque, along_q, along_v, along_a, strict=True
-        )
-        for q_k, v_k, a_k, torque_k, dq_k, dv_k, da_k in rows:
+        rows = zip(*map(np.ascontiguousarray, (q, v, a)), torque, along, strict=True)
+        for q_k, v_k, a_k, torque_k, (dq_k, dv_k, da_k) in rows:
             compute(model, data, q_k, v_k, a_k)
             torque_k[...] = tau
             dq_k[...] = dq
             dv_k[...] = dv
             da_k[...] = da
-        return torque, along_q, along_v, along_a
+        return torque, along

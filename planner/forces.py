@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.chain import ClosedChain
-from planner.closure import Loop
+from planner.closure import Loop, LoopOrder
 from planner.constrained_dynamics import Motion
 from planner.equation_of_motion import Placements
-from planner.vectors import cross, matvec, transpose
+from planner.vectors import cross, matvec, transpose, wrap, wrapped_cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +54,11 @@ class HandForces:
 def object_twist(chain: ClosedChain, at: Placements, point: np.ndarray) -> Loop:
     """Returns the left arm as a chain from the base to a point of the object, (K, 3) [m]."""
     count, split = len(point), chain.left.n
-    angular = np.ascontiguousarray(transpose(at.columns[:, 3:, :split]))
-    linear = transpose(at.columns[:, :3, :split]) + cross(angular, point[:, None])
-    return Loop(linear, angular, np.broadcast_to(np.eye(6), (count, 6, 6)), np.arange(split))
+    angular = wrap(at.columns[:, 3:, :split].transpose(1, 0, 2))
+    linear = wrapped_cross(angular, wrap(point.T)[..., None])
+    linear += wrap(at.columns[:, :3, :split].transpose(1, 0, 2))
+    world = np.broadcast_to(np.eye(3), (count, 3, 3))
+    return Loop(linear, angular, world, np.eye(6), LoopOrder(np.arange(split)))
 
 
 def object_motion(chain: ClosedChain, at: Placements, v: np.ndarray, a: np.ndarray) -> ObjectMotion:
@@ -65,12 +67,13 @@ def object_motion(chain: ClosedChain, at: Placements, v: np.ndarray, a: np.ndarr
     lever = rotation @ chain.body.com
     left = slice(0, chain.left.n)
     arm = object_twist(chain, at, position + lever)
-    both = matvec(arm.jacobian(), a[:, left]) + arm.bias(v[:, left])
+    jacobian = arm.jacobian()
+    both = matvec(jacobian, a[:, left]) + arm.bias(v[:, left])
     return ObjectMotion(
         position=position,
         rotation=rotation,
         lever=lever,
-        angular_velocity=(arm.angular * v[:, left, None]).sum(axis=1),
+        angular_velocity=matvec(jacobian[:, 3:], v[:, left]),
         acceleration=both[:, :3],
         angular_acceleration=both[:, 3:],
     )

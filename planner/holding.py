@@ -53,7 +53,7 @@ def preload_torque(chain: ClosedChain, at: Tangent, preload: Preload) -> np.ndar
     moment = 0.5 * (cross(lever, np.broadcast_to(weight, lever.shape)) - preload.moment)
     at_point = moment - cross(point - position, force)
     # the hand feels the opposite of what it applies
-    multiplier = -matvec(at.loop.blocked, np.concatenate([force, at_point], axis=1))
+    multiplier = -at.loop.multiplier(np.concatenate([force, at_point], axis=1))
     return gravity_torque(chain, at.q) - matvec(transpose(at.gamma), multiplier)
 
 

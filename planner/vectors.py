@@ -20,6 +20,27 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
+def wrap(vectors: np.ndarray) -> np.ndarray:
+    """Returns vectors, components first, with the first two repeated at the end, (3, ...) to (5, ...).
+
+    So wrapped, a cross product of many vectors takes two products of slices, see `wrapped_cross`.
+    """
+    result = np.empty((5, *vectors.shape[1:]))
+    result[:3] = vectors
+    result[3:] = vectors[:2]
+    return result
+
+
+def wrapped_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns a x b of wrapped vectors, (5, ...), that broadcast."""
+    first = a[1:4] * b[2:5]
+    first -= a[2:5] * b[1:4]
+    result = np.empty((5, *first.shape[1:]))
+    result[:3] = first
+    result[3:] = first[:2]
+    return result
+
+
 def rotation_log(rotation: np.ndarray) -> np.ndarray:
     """Returns the rotation vectors of rotation matrices, (..., 3, 3) to (..., 3) [rad]."""
     from scipy.spatial.transform import Rotation

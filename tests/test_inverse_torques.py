@@ -93,9 +93,9 @@ def test_derivatives(case: Case) -> None:
         return case.torques(**change).tau
 
     for name, derivative, size in (
-        ("along", found.along_y, p),
-        ("rate", found.along_rate, p),
-        ("acceleration", found.along_acceleration, p),
+        ("along", found.along_motion[:, 0], p),
+        ("rate", found.along_motion[:, 1], p),
+        ("acceleration", found.along_motion[:, 2], p),
         ("multiplier", found.along_multiplier, m),
     ):
         wanted = differences(lambda d, name=name: tau(**{name: d}), size, 2e-3)  # type: ignore[misc]

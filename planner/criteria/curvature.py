@@ -6,7 +6,7 @@ It is linear in the joint rates, where a step of any length is exact, and linear
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,12 +96,14 @@ def join_tangents(moved: Tangent, base: Tangent, times: int) -> Tangent:
     at = type(base.at)(
         *(both(getattr(moved.at, f), getattr(base.at, f)) for f in base.at.__dataclass_fields__)
     )
-    loop = type(base.loop)(
-        both(moved.loop.linear, base.loop.linear),
-        both(moved.loop.angular, base.loop.angular),
-        both(moved.loop.blocked, base.loop.blocked),
-        base.loop.order,
-        base.loop.turning,
+    loop = replace(
+        base.loop,
+        linear=np.concatenate([moved.loop.linear, np.tile(base.loop.linear, (1, times, 1))], axis=1),
+        angular=np.concatenate(
+            [moved.loop.angular, np.tile(base.loop.angular, (1, times, 1))], axis=1
+        ),
+        frame=both(moved.loop.frame, base.loop.frame),
+        _known=[],
     )
     return Tangent(
         both(moved.q, base.q),

@@ -117,8 +117,11 @@ def make_basis(degree: int, start: int, goal: int, smooth: int) -> Basis:
 @lru_cache(maxsize=256)
 def basis_at_nodes(
     degree: int, start: int, goal: int, smooth: int, count: int, orders: int
-) -> tuple[np.ndarray, ...]:
-    """Returns a basis's derivatives of orders 0 to `orders` - 1 at the Gauss nodes."""
+) -> np.ndarray:
+    """Returns a basis's derivatives of orders 0 to `orders` - 1 at the Gauss nodes.
+
+    Shape (orders, K, conditions + free).
+    """
     basis = make_basis(degree, start, goal, smooth)
     u = gauss_nodes(count).u
-    return tuple(basis.values(u, order) for order in range(orders))
+    return np.array([basis.values(u, order) for order in range(orders)])

@@ -8,6 +8,7 @@ No equation is solved for them, and their first derivatives need only those of i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,27 +19,60 @@ from planner.vectors import matvec, transpose
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Torques at K samples of a motion, and their derivatives.
+    """Torques at K samples of a motion, and their derivatives once they are asked for.
 
     Attributes:
+        joints: Independent and dependent joints.
         tangent: Freedoms at the postures.
         v: Joint velocity, (K, N).
         a: Joint acceleration, (K, N).
+        multiplier: lambda, (K, m).
+        load: Derivatives of I a + C + G along q, v and a, (K, 3, N, N).
         tau: Torques, (K, N) [Nm].
-        along_y: d tau/dy, (K, N, p).
-        along_rate: d tau/d(dy/dt), (K, N, p).
-        along_acceleration: d tau/d(d2y/dt2), (K, N, p).
-        drag: dv/dy at constant dy/dt, (K, N, p).
     """
 
+    joints: Joints
     tangent: Tangent
     v: np.ndarray
     a: np.ndarray
+    multiplier: np.ndarray
+    load: np.ndarray
     tau: np.ndarray
-    along_y: np.ndarray
-    along_rate: np.ndarray
-    along_acceleration: np.ndarray
-    drag: np.ndarray
+
+    @cached_property
+    def _derivatives(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of tau along y and its first two rates, (K, 3, N, p), and the drag."""
+        at, dependent = self.tangent, self.joints.dependent
+        s, inverse = at.s, at.inverse
+        count, n, p = s.shape
+        m = len(dependent)
+        closure_q, closure_v, slip = at.loop.derivatives(self.v, self.a)
+        # with y, dy/dt and d2y/dt2 given, closure moves the dependent rates and accelerations along
+        drag = -inverse @ (slip @ s)
+        slide = np.empty((count, m, 2, p))
+        slide[:, :, 0] = closure_q @ s
+        slide[:, :, 0] += closure_v[:, :, dependent] @ drag
+        slide[:, :, 1] = closure_v @ s
+        follow = inverse @ slide.reshape(count, m, 2 * p)
+        load = self.load.copy()
+        load[:, 0] -= at.loop.force_jacobian(self.multiplier)
+        along = (load.reshape(count, 3 * n, n) @ s).reshape(count, 3, n, p)
+        along[:, 0] += load[:, 1][:, :, dependent] @ drag
+        own = load[:, 2][:, :, dependent] @ follow
+        along[:, :2] -= own.reshape(count, n, 2, p).transpose(0, 2, 1, 3)
+        whole_drag = np.zeros_like(s)
+        whole_drag[:, dependent] = drag
+        return along, whole_drag
+
+    @property
+    def along_motion(self) -> np.ndarray:
+        """D tau/dy, d tau/d(dy/dt) and d tau/d(d2y/dt2), (K, 3, N, p)."""
+        return self._derivatives[0]
+
+    @property
+    def drag(self) -> np.ndarray:
+        """Dv/dy at constant dy/dt, (K, N, p)."""
+        return self._derivatives[1]
 
     @property
     def along_multiplier(self) -> np.ndarray:
@@ -54,7 +88,7 @@ def inverse_torques(
     acceleration: np.ndarray,
     multiplier: np.ndarray,
 ) -> Torques:
-    """Returns the torques and their derivatives.
+    """Returns the torques of a motion.
 
     Args:
         chain: The closed chain.
@@ -64,26 +98,9 @@ def inverse_torques(
         acceleration: d2y/dt2, (K, p).
         multiplier: lambda, (K, m).
     """
-    s, inverse, dependent = at.s, at.inverse, joints.dependent
-    v = matvec(s, rate)
-    a = matvec(s, acceleration)
-    a[:, dependent] -= matvec(inverse, at.loop.bias(v))
-    load, load_q, load_v, inertia = chain.dynamics.inverse_dynamics_derivatives(at.q, v, a)
-    closure_q, closure_v = at.loop.acceleration_derivatives(v, a)
-    # with y, dy/dt and d2y/dt2 given, closure moves the dependent rates and accelerations along
-    drag = np.zeros_like(s)
-    drag[:, dependent] = -inverse @ (at.loop.velocity_derivative(v) @ s)
-    follow_y = -inverse @ (closure_q @ s + closure_v @ drag)
-    follow_rate = -inverse @ (closure_v @ s)
-    own = inertia[:, :, dependent]
-    pull = at.loop.force_jacobian(multiplier)
-    return Torques(
-        tangent=at,
-        v=v,
-        a=a,
-        tau=load - matvec(transpose(at.gamma), multiplier),
-        along_y=(load_q - pull) @ s + load_v @ drag + own @ follow_y,
-        along_rate=load_v @ s + own @ follow_rate,
-        along_acceleration=inertia @ s,
-        drag=drag,
-    )
+    v = matvec(at.s, rate)
+    a = matvec(at.s, acceleration)
+    a[:, joints.dependent] -= matvec(at.inverse, at.loop.bias(v))
+    torque, load = chain.dynamics.inverse_dynamics_derivatives(at.q, v, a)
+    torque -= (multiplier[:, None, :] @ at.gamma)[:, 0]
+    return Torques(joints, at, v, a, multiplier, load, torque)

@@ -66,8 +66,7 @@ def curves_of_plan(transport: Transport, plan: Plan) -> Curves:
     point, _ = chain.right_tip(at)
     force = plan.hand_force_right[every]
     moment = plan.hand_moment_right[every] - cross(point - position, force)
-    blocked = chain.loop(at).blocked
-    multiplier = -matvec(blocked, np.concatenate([force, moment], axis=1))
+    multiplier = -chain.loop(at).multiplier(np.concatenate([force, moment], axis=1))
     return fit_curves(transport, plan.time[every] / plan.duration, q, multiplier)
 
 

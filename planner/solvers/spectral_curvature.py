@@ -18,15 +18,9 @@ def _contraction(
     criterion: Criterion, torques: Torques, along_torque: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
     """Returns the gradient along (y, dy/dt, d2y/dt2, lambda) at samples, (K, 3 p + m)."""
-    parts = [
-        matvec(transpose(part), along_torque)
-        for part in (
-            torques.along_y,
-            torques.along_rate,
-            torques.along_acceleration,
-            torques.along_multiplier,
-        )
-    ]
+    motion = along_torque[:, None, None, :] @ torques.along_motion
+    parts = [motion[:, order, 0] for order in range(3)]
+    parts.append(matvec(transpose(torques.along_multiplier), along_torque))
     cost = criterion.state_cost
     if cost is not None:
         s = torques.tangent.s
@@ -98,13 +92,13 @@ def _end_curvature(
     problem: SpectralProblem, index: int, point: Point, gradient: np.ndarray
 ) -> np.ndarray:
     """Returns the curvature of the set of allowed end postures, (free, free)."""
-    duration, p = problem.transport.duration, problem.p
+    p, duration = problem.p, problem.transport.duration
     values = point.ends[index]
     null = problem.ends.null(index, values.y)
     free = null.shape[1]
     rows = problem.rows_of_end(index, problem.motion_basis)
     along = sum(
-        (phi[:, rows].T @ gradient[:, order * p : (order + 1) * p]) / duration**order
+        phi[:, rows].T @ gradient[:, order * p : (order + 1) * p]
         for order, phi in enumerate(problem.phi)
     )
     force_rows = problem.rows_of_end(index, problem.force_basis)

@@ -46,6 +46,8 @@ class SpectralProblem:
         criterion: What is minimised.
         coordinates: Map from independent joints to closed postures.
         degree: Degree of the polynomials.
+        phi: The motion's basis and its first two derivatives in time at the nodes, (3, K, .).
+        psi: The multiplier's basis there, (K, .).
     """
 
     def __init__(
@@ -67,8 +69,10 @@ class SpectralProblem:
         motion_ends, force_ends = self.ends.prescribed()
         self.motion_basis: Basis = make_basis(degree, *motion_ends, _SMOOTH_MOTION)
         self.force_basis: Basis = make_basis(degree - 2, *force_ends, _SMOOTH_FORCE)
-        self.phi = basis_at_nodes(degree, *motion_ends, _SMOOTH_MOTION, count, 3)
+        phi = basis_at_nodes(degree, *motion_ends, _SMOOTH_MOTION, count, 3)
         self.psi = basis_at_nodes(degree - 2, *force_ends, _SMOOTH_FORCE, count, 1)[0]
+        units = np.array([1.0, transport.duration, transport.duration**2])
+        self.phi = phi / units[:, None, None]
 
     # ---- places of the unknowns ------------------------------------------------------------------
 
@@ -109,11 +113,12 @@ class SpectralProblem:
         |M d| is the change of postures and of joint speeds that a step d makes, root mean square
         in rad and rad per duration.
         """
-        whole = self.unknowns_to_motion(point)[:, : 2 * self.p, self.motion]
-        s, weights = point.torques.tangent.s, np.sqrt(self.nodes.weights)[:, None, None]
+        s = point.torques.tangent.s[:, None]
+        weights = np.sqrt(self.nodes.weights)[:, None, None]
         square = np.zeros((len(self.motion), len(self.motion)))
-        for part in (whole[:, : self.p], whole[:, self.p :] * self.transport.duration):
-            rows = (s @ part * weights).reshape(-1, len(self.motion))
+        for order, unit in ((0, 1.0), (1, self.transport.duration)):
+            rows = self.along_unknowns(point, s, order)[:, :, self.motion]
+            rows = (rows * (unit * weights)).reshape(-1, len(self.motion))
             square += rows.T @ rows
         square[np.diag_indices_from(square)] += 1e-10 * np.max(np.diag(square))
         root: np.ndarray = np.linalg.cholesky(square).T
@@ -135,8 +140,8 @@ class SpectralProblem:
         motion, force = self.carried(ends)
         places = self.places
         return (
-            np.vstack([motion, x[places[0]].reshape(-1, self.p)]),
-            np.vstack([force, x[places[1]].reshape(-1, self.m)]),
+            np.vstack([motion, x[places[0]].reshape(self.p, -1).T]),
+            np.vstack([force, x[places[1]].reshape(self.m, -1).T]),
         )
 
     def evaluate(
@@ -149,11 +154,8 @@ class SpectralProblem:
             ends: Values at the ends.
             near: Freedoms of a motion nearby, along which closure is sought.
         """
-        duration = self.transport.duration
         motion, force = self.coefficients(x, ends)
-        y = self.phi[0] @ motion
-        rate = self.phi[1] @ motion / duration
-        acceleration = self.phi[2] @ motion / duration**2
+        y, rate, acceleration = self.phi @ motion
         multiplier = self.psi @ force
         chain, joints = self.transport.chain, self.transport.joints
         if near is None:
@@ -166,7 +168,7 @@ class SpectralProblem:
             return None
         freedoms = tangent(chain, joints, q, at)
         torques = inverse_torques(chain, joints, freedoms, rate, acceleration, multiplier)
-        slope = self.nodes.derivative @ torques.tau / duration
+        slope = self.nodes.derivative @ torques.tau / self.transport.duration
         cost = self._cost(torques, slope)
         if not np.isfinite(cost):
             return None
@@ -181,35 +183,43 @@ class SpectralProblem:
             running = running + criterion.state_cost.value(torques.tangent.q, torques.v)
         return float(self.nodes.weights @ running) * self.transport.duration
 
-    def _design(self, point: Point) -> np.ndarray:
-        """Returns how torques at the nodes depend on the unknowns, (K, N, size)."""
-        duration, torques = self.transport.duration, point.torques
-        count = len(self.nodes.u)
-        blocks = (
-            torques.along_y,
-            torques.along_rate / duration,
-            torques.along_acceleration / duration**2,
-        )
-        all_motion = sum(
-            phi[:, None, :, None] * block[:, :, None, :]
-            for phi, block in zip(self.phi, blocks, strict=True)
-        )
-        all_force = self.psi[:, None, :, None] * torques.along_multiplier[:, :, None, :]
+    def along_unknowns(
+        self,
+        point: Point,
+        along_motion: np.ndarray,
+        first: int = 0,
+        along_multiplier: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Returns how quantities at the nodes depend on the unknowns, (K, R, size).
+
+        Args:
+            point: The iterate.
+            along_motion: Their derivatives along y and its rates, (K, orders, R, p).
+            first: Order of the first of these rates: 0 for y itself.
+            along_multiplier: Their derivatives along the multiplier, (K, R, m), if any.
+        """
+        count, orders, rows, p = along_motion.shape
         skip, skip_force = self.motion_basis.conditions, self.force_basis.conditions
-        design = np.empty((count, self.n, self.size))
+        phi = self.phi[first : first + orders].transpose(1, 0, 2)
+        result = np.zeros((count, rows, self.size))
         places = self.places
-        design[:, :, places[0]] = all_motion[:, :, skip:].reshape(count, self.n, -1)
-        design[:, :, places[1]] = all_force[:, :, skip_force:].reshape(count, self.n, -1)
+        flat = along_motion.reshape(count, orders, rows * p).transpose(0, 2, 1)
+        result[:, :, places[0]] = (flat @ phi[:, :, skip:]).reshape(count, rows, -1)
+        if along_multiplier is not None:
+            spread = along_multiplier[..., None] * self.psi[:, None, None, skip_force:]
+            result[:, :, places[1]] = spread.reshape(count, rows, -1)
         for index, place in ((0, places[2]), (1, places[3])):
             if place.start == place.stop:
                 continue
             motion, force = self.ends.slopes(index, point.ends[index])
-            rows = self.rows_of_end(index, self.motion_basis)
-            design[:, :, place] = np.einsum("knap,apf->knf", all_motion[:, :, rows], motion)
-            if len(force):
-                rows = self.rows_of_end(index, self.force_basis)
-                design[:, :, place] += np.einsum("knam,amf->knf", all_force[:, :, rows], force)
-        return design
+            at_end = self.rows_of_end(index, self.motion_basis)
+            moved = np.tensordot(phi[:, :, at_end], motion, axes=1)
+            result[:, :, place] = (along_motion @ moved).sum(axis=1)
+            if along_multiplier is not None and len(force):
+                at_end = self.rows_of_end(index, self.force_basis)
+                moved = np.tensordot(self.psi[:, at_end], force, axes=1)
+                result[:, :, place] += along_multiplier @ moved
+        return result
 
     @staticmethod
     def rows_of_end(index: int, basis: Basis) -> slice:
@@ -221,24 +231,23 @@ class SpectralProblem:
 
         Shapes (size,), (size, size), (K, N).
         """
-        criterion, duration = self.criterion, self.transport.duration
-        design = self._design(point)
+        criterion, duration, torques = self.criterion, self.transport.duration, point.torques
+        design = self.along_unknowns(point, torques.along_motion, 0, torques.along_multiplier)
         count = len(self.nodes.u)
-        flat = design.reshape(count, -1)
         weight = self.nodes.weights[:, None] * duration
         matrix = np.zeros((self.size, self.size))
         along_torque = np.zeros((count, self.n))
         if criterion.torque_is_state:
             root = np.sqrt(weight * criterion.rate_weights)
-            slopes = (self.nodes.derivative / duration) @ flat
-            rows = (slopes.reshape(count, self.n, -1) * root[..., None]).reshape(-1, self.size)
+            slopes = (self.nodes.derivative / duration) @ design.reshape(count, -1)
+            rows = (slopes.reshape(design.shape) * root[..., None]).reshape(-1, self.size)
             matrix += rows.T @ rows
             along_torque += (self.nodes.derivative.T / duration) @ (root**2 * point.slope)
         if np.any(criterion.torque_weights):
             root = np.sqrt(weight * criterion.torque_weights)
             rows = (design * root[..., None]).reshape(-1, self.size)
             matrix += rows.T @ rows
-            along_torque += root**2 * point.torques.tau
+            along_torque += root**2 * torques.tau
         gradient = along_torque.ravel() @ design.reshape(-1, self.size)
         for value, derivative, factor in self._state_rows(point):
             rows = derivative.reshape(-1, self.size)
@@ -252,12 +261,11 @@ class SpectralProblem:
         cost, torques = self.criterion.state_cost, point.torques
         if cost is None:
             return []
-        whole = self.unknowns_to_motion(point)
-        y, rate = whole[:, : self.p], whole[:, self.p : 2 * self.p]
-        s = torques.tangent.s
+        at = torques.tangent
+        speed = np.stack([torques.drag, at.s], axis=1)
         return [
-            (torques.v, torques.drag @ y + s @ rate, cost.speed),
-            (torques.tangent.q - cost.reference, s @ y, cost.posture),
+            (torques.v, self.along_unknowns(point, speed), cost.speed),
+            (at.q - cost.reference, self.along_unknowns(point, at.s[:, None]), cost.posture),
         ]
 
     def unknowns_to_motion(self, point: Point) -> np.ndarray:
@@ -265,27 +273,19 @@ class SpectralProblem:
 
         Shape (K, 3 p + m, size).
         """
-        duration, count = self.transport.duration, len(self.nodes.u)
-        result = np.zeros((count, 3 * self.p + self.m, self.size))
-        skip, skip_force = self.motion_basis.conditions, self.force_basis.conditions
-        places, p = self.places, self.p
-        for order, phi in enumerate(self.phi):
-            part = np.einsum("kc,ij->kicj", phi[:, skip:], np.eye(p)) / duration**order
-            result[:, order * p : (order + 1) * p, places[0]] = part.reshape(count, p, -1)
-        part = np.einsum("kc,ij->kicj", self.psi[:, skip_force:], np.eye(self.m))
-        result[:, 3 * p :, places[1]] = part.reshape(count, self.m, -1)
-        for index, place in ((0, places[2]), (1, places[3])):
-            if place.start == place.stop:
-                continue
-            motion, force = self.ends.slopes(index, point.ends[index])
-            rows = self.rows_of_end(index, self.motion_basis)
-            for order, phi in enumerate(self.phi):
-                part = np.einsum("ka,apf->kpf", phi[:, rows], motion) / duration**order
-                result[:, order * p : (order + 1) * p, place] = part
-            if len(force):
-                rows = self.rows_of_end(index, self.force_basis)
-                result[:, 3 * p :, place] = np.einsum("ka,amf->kmf", self.psi[:, rows], force)
-        return result
+        count, p, m = len(self.nodes.u), self.p, self.m
+        motion = np.zeros((count, 3, 3, p, p))
+        for order in range(3):
+            motion[:, order, order] = np.eye(p)
+        force = np.broadcast_to(np.eye(m), (count, m, m))
+        none = np.zeros((count, 3, m, p))
+        return np.concatenate(
+            [
+                self.along_unknowns(point, motion.reshape(count, 3, 3 * p, p)),
+                self.along_unknowns(point, none, 0, force),
+            ],
+            axis=1,
+        )
 
     def curves(self, point: Point) -> Curves:
         """Returns the iterate's polynomials."""

@@ -22,12 +22,12 @@ def project(
     skip = len(motion)
     rest = root * (y - problem.phi[0][:, :skip] @ motion)
     found = np.linalg.lstsq(root * problem.phi[0][:, skip:], rest, rcond=None)[0]
-    result[places[0]] = found.ravel()
+    result[places[0]] = found.T.ravel()
     if multiplier is not None:
         skip = len(force)
         rest = root * (multiplier - problem.psi[:, :skip] @ force)
         found = np.linalg.lstsq(root * problem.psi[:, skip:], rest, rcond=None)[0]
-        result[places[1]] = found.ravel()
+        result[places[1]] = found.T.ravel()
     return result
 
 
@@ -55,5 +55,5 @@ def carry_over(problem: SpectralProblem, curves: Curves) -> np.ndarray:
         skip = len(carried)
         rest = wanted - (basis_values[:, :skip] @ np.array(carried) if skip else 0.0)
         free = root * basis_values[:, skip:]
-        result[place] = np.linalg.lstsq(free, root * rest, rcond=None)[0].ravel()
+        result[place] = np.linalg.lstsq(free, root * rest, rcond=None)[0].T.ravel()
     return result
