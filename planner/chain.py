@@ -250,7 +250,8 @@ class ClosedChain:
                 open_ = np.flatnonzero(~(size < tolerance) & np.isfinite(size))
             if not len(open_):
                 break
-            everywhere = len(open_) == len(q)
+            # a step more does no harm where it is not needed, and picking samples costs as much
+            everywhere = 2 * len(open_) > len(q) and bool(np.isfinite(size).all())
             part, wrong = (at, error) if everywhere else (_take(at, open_), error[open_])
             step = _solve(self.closure_columns(part, dependent), wrong)
             largest = np.abs(step).max(axis=1)
@@ -260,7 +261,7 @@ class ClosedChain:
             new = self.dynamics.placements(moved)
             new_error = self.gap(new)
             # near round-off a step no longer helps: accept what stands below a looser bound
-            stuck = (largest < 1e-14) & (size[open_] < 1e-10)
+            stuck = (largest < 1e-14) & ((size if everywhere else size[open_]) < 1e-10)
             new_error[stuck] = 0.0
             if everywhere:
                 at, error = new, new_error

@@ -54,6 +54,18 @@ class Tangent:
     inverse: np.ndarray
     s: np.ndarray
 
+    def shifted(self, chain: ClosedChain, joints: Joints, y: np.ndarray) -> np.ndarray:
+        """Returns postures with other independent joints, (K, p), closed to second order, (K, N).
+
+        The second order is half the drift of a motion that goes there in unit time; what gap is
+        left here is closed on the way.
+        """
+        step = matvec(self.s, y - self.q[:, joints.independent])
+        q = self.q + step
+        apart = 0.5 * self.loop.bias(step) + chain.gap(self.at)
+        q[:, joints.dependent] -= matvec(self.inverse, apart)
+        return q
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:

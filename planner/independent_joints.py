@@ -49,6 +49,8 @@ class Coordinates:
         chain: The closed chain.
         joints: Independent and dependent joints.
         tolerance: Bound on the gap that is left [m, rad].
+        share: Shares of the duration at which the last known motion is kept, (K,).
+        path: Its closed postures, (K, N) [rad].
     """
 
     def __init__(
@@ -69,7 +71,9 @@ class Coordinates:
         """
         guess = np.empty((len(y), self.chain.n))
         guess[:, self.joints.independent] = y
-        guess[:, self.joints.dependent] = self._dependent(share)
+        if self._spline is None:
+            self._spline = CubicSpline(self.share, self.path[:, self.joints.dependent])
+        guess[:, self.joints.dependent] = self._spline(share)
         return self.chain.close(guess, self.joints.dependent, self.tolerance)
 
     def tangent(self, share: np.ndarray, y: np.ndarray) -> tuple[Tangent, np.ndarray]:
@@ -85,4 +89,5 @@ class Coordinates:
 
     def remember(self, share: np.ndarray, q: np.ndarray) -> None:
         """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near."""
-        self._dependent = CubicSpline(share, q[:, self.joints.dependent])
+        self.share, self.path = share, q
+        self._spline: CubicSpline | None = None

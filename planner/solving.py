@@ -139,7 +139,7 @@ def _with_better_joints(
 ) -> tuple[Transport, BoundaryValueProblem, SpectralResult]:
     """Returns task, problem and result, with other independent joints where they help clearly."""
     u, point = result.problem.nodes.u, result.point
-    better = with_better_joints(transport, u, point.torques.tangent.q)
+    better = with_better_joints(transport, u, point.torques.tangent)
     if better is None:
         return transport, problem, result
     problem = make_problem(scenario, better)

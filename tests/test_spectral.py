@@ -14,10 +14,11 @@ from plans import CASES, FREE, minimised, problem_of, solved
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.scenario import Scenario
 from planner.solvers.curves import Curves
+from planner.solvers.basis import spline_at_nodes
 from planner.solvers.spectral import minimise, resolution
 from planner.solvers.spectral_curvature import torque_curvature
 from planner.solvers.spectral_problem import Point, SpectralProblem
-from planner.solvers.spectral_start import project
+from planner.solvers.spectral_start import carry_over, project
 
 DEGREE = 12
 
@@ -74,12 +75,10 @@ NAMES = [
 def somewhere(problem: BoundaryValueProblem, seed: int = 0) -> tuple[SpectralProblem, Point]:
     """An iterate off the optimum, its multiplier away from zero."""
     spectral = SpectralProblem(problem.transport, problem.criterion, problem.coordinates, DEGREE)
-    transport, independent = problem.transport, problem.transport.joints.independent
-    ends = tuple(
-        spectral.ends.values(index, end.posture[independent][None])[0]
-        for index, end in enumerate((transport.start, transport.goal))
-    )
-    point = spectral.evaluate(np.zeros(spectral.size), (ends[0], ends[1]))
+    transport = problem.transport
+    nodes = len(spectral.nodes.u)
+    near = spline_at_nodes(transport.share, transport.guess, nodes)
+    point = spectral.evaluate(np.zeros(spectral.size), spectral.ends.guessed, near)
     assert point is not None
     move = 0.3 * directions(spectral, point, 1, seed)[0]
     point = spectral.moved(point, move)
@@ -95,9 +94,9 @@ def directions(spectral: SpectralProblem, point: Point, count: int, seed: int = 
     metric = metric + 0.3 * np.eye(len(metric)) * np.trace(metric) / len(metric)
     result = np.zeros((count, spectral.size))
     for row in result:
-        motion = generator.normal(size=len(spectral.motion))
+        motion = generator.normal(size=len(metric))
         row[spectral.motion] = np.linalg.solve(metric, motion) / np.linalg.norm(motion)
-        row[spectral.force] = generator.normal(size=len(spectral.force))
+        row[spectral.force] = generator.normal(size=spectral.size - len(metric))
     return result
 
 
@@ -110,8 +109,8 @@ def cost_along(spectral: SpectralProblem, point: Point, move: np.ndarray, time: 
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None:
     spectral, point = somewhere(problem_of(scenarios[name]))
-    gradient, matrix, along_torque = spectral.normal_equations(point)
-    hessian = matrix + torque_curvature(spectral, point, along_torque)
+    gradient, matrix = spectral.normal_equations(point)
+    hessian = matrix + torque_curvature(spectral, point)
     assert np.max(np.abs(hessian - hessian.T)) < 1e-6 * np.max(np.abs(hessian))
     for move in directions(spectral, point, 4):
 
@@ -131,8 +130,8 @@ def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None
 def test_gauss_newton_alone_is_not_the_hessian(scenarios: dict[str, Scenario], name: str) -> None:
     """What the curvature adds is no trifle: without it the test above would fail."""
     spectral, point = somewhere(problem_of(scenarios[name]))
-    _, matrix, along_torque = spectral.normal_equations(point)
-    extra = torque_curvature(spectral, point, along_torque)
+    _, matrix = spectral.normal_equations(point)
+    extra = torque_curvature(spectral, point)
     moves = directions(spectral, point, 4)
     share = [abs(move @ extra @ move) / abs(move @ matrix @ move) for move in moves]
     assert max(share) > 1e-3
@@ -160,8 +159,8 @@ def test_the_minimum_is_stationary(name: str) -> None:
     """The predicted gain of one more Newton step is below the tolerance."""
     result = minimised(problem_of(human(CASES[name])))
     spectral, best = result.problem, result.point
-    gradient, matrix, along_torque = spectral.normal_equations(best)
-    hessian = matrix + torque_curvature(spectral, best, along_torque)
+    gradient, matrix = spectral.normal_equations(best)
+    hessian = matrix + torque_curvature(spectral, best)
     assert np.linalg.eigvalsh(hessian)[0] > 0.0
     gain = 0.5 * gradient @ np.linalg.solve(hessian, gradient)
     assert gain < 1e-9 * best.cost
@@ -243,8 +242,15 @@ def test_iterates_are_closed_and_meet_the_ends() -> None:
     problem = problem_of(human(values))
     spectral, point = somewhere(problem)
     chain = problem.transport.chain
-    gap = chain.gap(chain.dynamics.placements(point.torques.tangent.q))
-    assert np.max(np.abs(gap)) < 1e-9
+
+    def gap(at: Point) -> float:
+        return float(np.max(np.abs(chain.gap(chain.dynamics.placements(at.torques.tangent.q)))))
+
+    assert gap(point) < 1e-8
+    # a step takes along what gap the iterate before it had left
+    near = spectral.moved(point, 1e-4 * directions(spectral, point, 1)[0])
+    assert near is not None
+    assert gap(near) < 1e-11
     curves = spectral.curves(point)
     ends = np.array([0.0, 1.0])
     y, rate = curves.y(ends), curves.y(ends, 1) / problem.transport.duration
@@ -283,5 +289,12 @@ def test_projected_curves_are_found_again() -> None:
     problem = problem_of(human(FREE))
     spectral, point = somewhere(problem)
     curves, u = spectral.curves(point), spectral.nodes.u
-    found = project(spectral, point.ends, curves.y(u), curves.multiplier(u))
+    found, motion = project(spectral, point.ends, curves.y(u)), spectral.places[0]
+    assert np.allclose(found[motion], point.x[motion], rtol=1e-6, atol=1e-8)
+    assert not found[spectral.force].any()
+
+
+def test_curves_are_carried_over_to_their_own_ends_unchanged() -> None:
+    spectral, point = somewhere(problem_of(human(FREE)))
+    found = carry_over(spectral, spectral.curves(point))
     assert np.allclose(found, point.x, rtol=1e-6, atol=1e-8)

@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
+from scipy.interpolate import CubicSpline
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +56,20 @@ class Basis:
     Attributes:
         degree: Degree.
         ends: How many values (value, slope, second derivative) are prescribed at start and goal.
+        smooth: Order of the derivative in which the free polynomials are orthonormal.
         coefficients: Legendre coefficients, (degree + 1, conditions + free): first those that
             carry the end values, in order, then the free ones, which vanish at the ends.
     """
 
     degree: int
     ends: tuple[int, int]
+    smooth: int
     coefficients: np.ndarray
+
+    @property
+    def key(self) -> tuple[int, int, int, int]:
+        """What `make_basis` makes it of."""
+        return self.degree, *self.ends, self.smooth
 
     @property
     def conditions(self) -> int:
@@ -111,7 +119,40 @@ def make_basis(degree: int, start: int, goal: int, smooth: int) -> Basis:
     free = null @ rows.T / values
     # smooth ones first: decay along the columns then tells the resolution
     order = np.argsort(-values)[::-1]
-    return Basis(degree, (start, goal), np.hstack([carrying, free[:, order]]))
+    return Basis(degree, (start, goal), smooth, np.hstack([carrying, free[:, order]]))
+
+
+@lru_cache(maxsize=64)
+def legendre_analysis(count: int, degree: int) -> np.ndarray:
+    """Returns the map from values at the `count` Gauss nodes to Legendre coefficients, (., K)."""
+    nodes = gauss_nodes(count)
+    values = legendre.legvander(2.0 * nodes.u - 1.0, degree)
+    result: np.ndarray = (values * nodes.weights[:, None] * (2.0 * np.arange(degree + 1) + 1.0)).T
+    return result
+
+
+@lru_cache(maxsize=64)
+def _spline_operator(knots: bytes, count: int) -> np.ndarray:
+    share = np.frombuffer(knots)
+    return CubicSpline(share, np.eye(len(share)))(gauss_nodes(count).u)
+
+
+def spline_at_nodes(share: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Returns the cubic spline through values at shares of the duration at the Gauss nodes."""
+    result: np.ndarray = _spline_operator(share.tobytes(), count) @ values
+    return result
+
+
+@lru_cache(maxsize=256)
+def fit_at_nodes(degree: int, start: int, goal: int, smooth: int, count: int) -> np.ndarray:
+    """Returns the least-squares fit of a basis's free coefficients to values at the Gauss nodes.
+
+    Shape (free, K); what the ends carry must be taken off the values before.
+    """
+    root = np.sqrt(gauss_nodes(count).weights)[:, None]
+    basis = make_basis(degree, start, goal, smooth)
+    free = basis_at_nodes(degree, start, goal, smooth, count, 1)[0, :, basis.conditions :]
+    return np.linalg.pinv(root * free, rcond=1e-14) * root.T
 
 
 @lru_cache(maxsize=256)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from planner.constrained_dynamics import Tangent
 from planner.errors import InputError
 from planner.independent_joints import choose_joints
 from planner.solvers.curves import Curves
 from planner.transport import Transport
-from planner.vectors import cross, matvec
+from planner.vectors import cross
 
 if TYPE_CHECKING:
     from planner.result import Plan
@@ -70,20 +71,19 @@ def curves_of_plan(transport: Transport, plan: Plan) -> Curves:
     return fit_curves(transport, plan.time[every] / plan.duration, q, multiplier)
 
 
-def with_better_joints(transport: Transport, share: np.ndarray, q: np.ndarray) -> Transport | None:
+def with_better_joints(transport: Transport, share: np.ndarray, at: Tangent) -> Transport | None:
     """Returns the task with independent joints that suit a motion better, if any do so clearly.
 
     Args:
         transport: The task.
         share: Shares of the duration, (K,).
-        q: Closed postures of the motion, (K, N) [rad].
+        at: Freedoms along the motion, (K).
     """
-    chain = transport.chain
-    gamma = chain.loop(chain.dynamics.placements(q)).jacobian()
+    gamma, q = at.gamma, at.q
     mine = np.linalg.svd(gamma[:, :, transport.joints.dependent], compute_uv=False)
     if np.min(mine[:, -1]) > _FAR * np.max(mine[:, 0]):
         return None
-    other = choose_joints(chain, q)
+    other = choose_joints(transport.chain, q)
     its = np.linalg.svd(gamma[:, :, other.dependent], compute_uv=False)
     if np.min(its[:, -1]) < _BETTER * np.min(mine[:, -1]):
         return None

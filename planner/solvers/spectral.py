@@ -19,14 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from scipy.interpolate import CubicSpline
 
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.solution import ProgressCallback, Refinement
+from planner.solvers.basis import legendre_analysis, spline_at_nodes
 from planner.solvers.curves import Curves
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_ends import EndValues
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import carry_over, project
 from planner.solvers.trust_region import newton_step, reduce_model, trust_region_step
@@ -150,36 +149,34 @@ def resolution(problem: SpectralProblem, point: Point) -> float:
         values = point.slope * np.sqrt(criterion.rate_weights)
     else:
         values = point.torques.tau * np.sqrt(criterion.torque_weights)
-    points = 2.0 * problem.nodes.u - 1.0
     last = problem.degree - 2
-    legendre = np.polynomial.legendre.legvander(points, last)
-    scale = 2.0 * np.arange(last + 1) + 1.0
-    coefficients = (legendre * problem.nodes.weights[:, None] * scale).T @ values
-    energy = (coefficients**2).sum(axis=1) / scale
+    coefficients = legendre_analysis(len(problem.nodes.u), last) @ values
+    energy = (coefficients**2).sum(axis=1) / (2.0 * np.arange(last + 1) + 1.0)
     total = float(energy.sum())
     return float(np.sqrt(energy[-4:].sum() / total)) if total > 0.0 else 0.0
 
 
 def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None:
     """Returns the first iterate: nearest to given curves or the guess, or else the plainest."""
-    transport = problem.transport
-    independent = transport.joints.independent
-    ends: list[EndValues] = []
-    for index, end in enumerate((transport.start, transport.goal)):
-        y = end.posture[independent]
-        if curves is not None and not end.held:
-            near = curves.y(np.array([float(index)]))
-            y = problem.ends.retract(index, near)[0]
-        ends.append(problem.ends.values(index, y[None])[0])
-    both = ends[0], ends[1]
-    u = problem.nodes.u
+    transport, coordinates = problem.transport, problem.coordinates
+    count = len(problem.nodes.u)
+    ends = list(problem.ends.guessed)
     if curves is not None:
-        point = problem.evaluate(carry_over(problem, curves), both)
+        for index, end in enumerate((transport.start, transport.goal)):
+            if not end.held:
+                near = curves.y(np.array([float(index)]))
+                y = problem.ends.retract(index, near)
+                ends[index] = problem.ends.values(index, y)[0]
+    both = ends[0], ends[1]
+    known = spline_at_nodes(coordinates.share, coordinates.path, count)
+    if curves is not None:
+        point = problem.evaluate(carry_over(problem, curves), both, known)
         if point is not None:
             return point
-    path = CubicSpline(transport.share, transport.guess[:, independent])(u)
-    point = problem.evaluate(project(problem, both, path, None), both)
-    return point or problem.evaluate(np.zeros(problem.size), both)
+    path = spline_at_nodes(transport.share, transport.guess, count)
+    y = path[:, transport.joints.independent]
+    point = problem.evaluate(project(problem, both, y), both, known)
+    return point or problem.evaluate(np.zeros(problem.size), both, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,10 +248,10 @@ def _descend(
     exact, before, relative = False, np.inf, np.inf
     metric = problem.metric(point)
     for step in range(_MAX_STEPS):
-        gradient, matrix, along_torque = problem.normal_equations(point)
+        gradient, matrix = problem.normal_equations(point)
         matrices = [matrix]
         if exact:
-            matrices.append(matrix + torque_curvature(problem, point, along_torque))
+            matrices.append(matrix + torque_curvature(problem, point))
         best, which = None, 0
         for index in reversed(range(len(matrices))):
             trial = _try_steps(problem, point, gradient, matrices[index], metric, radii[index])

@@ -31,9 +31,7 @@ def _contraction(
     return np.concatenate(parts, axis=1)
 
 
-def torque_curvature(
-    problem: SpectralProblem, point: Point, along_torque: np.ndarray
-) -> np.ndarray:
+def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
     """Returns what the torques' second derivatives add to the Gauss-Newton matrix.
 
     One difference along each independent joint, and an exact one along each rate: torques are
@@ -63,6 +61,7 @@ def torque_curvature(
         repeat(point.multiplier),
     )
     weight = problem.nodes.weights[:, None] * problem.transport.duration
+    along_torque = problem.along_torque(point)
     gradients = _contraction(problem.criterion, torques, repeat(along_torque), repeat(weight))
     old = _contraction(problem.criterion, point.torques, along_torque, weight)
     change = gradients.reshape(2, p, count, -1) - old

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.boundary_conditions import EndConditions
-from planner.constrained_dynamics import accelerate, inertial
+from planner.constrained_dynamics import Motion, Tangent, accelerate, inertial, tangent
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.inverse_kinematics import pose_error
@@ -88,25 +88,54 @@ class Ends:
             force.append(0 if rule in ("free", "rest") else 1)
         return (motion[0], motion[1]), (force[0], force[1])
 
+    @cached_property
+    def guessed(self) -> tuple[EndValues, EndValues]:
+        """What the polynomials take at the guessed postures of start and goal."""
+        transport, chain = self.transport, self.transport.chain
+        q = np.array([transport.start.posture, transport.goal.posture])
+        at = tangent(chain, transport.joints, q, chain.dynamics.placements(q))
+        taus = [self._prescribed_torque(index, at) for index in (0, 1)]
+        rate = np.array([end.rate for end in self.conditions])
+        tau = np.array(
+            [np.zeros(chain.n) if tau is None else tau[index] for index, tau in enumerate(taus)]
+        )
+        prescribed = any(tau is not None for tau in taus)
+        motion = self._accelerate(at, rate, tau) if prescribed else None
+        y = q[:, transport.joints.independent]
+        first, last = (
+            self._end_values(index, y, None if taus[index] is None else motion, index)
+            for index in (0, 1)
+        )
+        return first, last
+
+    def _prescribed_torque(self, index: int, at: Tangent) -> np.ndarray | None:
+        """Returns the torques of an end at postures, (K, N); None where it prescribes none."""
+        end = self.conditions[index]
+        return end.prescribed_torque(at) if self.criterion.torque_is_state else None
+
+    def _accelerate(self, at: Tangent, rate: np.ndarray, tau: np.ndarray) -> Motion:
+        chain, joints = self.transport.chain, self.transport.joints
+        v = matvec(at.s, rate)
+        return accelerate(joints, at, v, inertial(chain, joints, at, v), tau)
+
+    def _end_values(self, index: int, y: np.ndarray, motion: Motion | None, k: int) -> EndValues:
+        """Returns the k-th sample's values."""
+        end = self.conditions[index]
+        if motion is not None:
+            a = motion.a[k, self.transport.joints.independent]
+            return EndValues(y[k], end.rate, a, motion.multiplier[k])
+        rest = self.criterion.torque_is_state and end.end.torque_rule == "rest"
+        return EndValues(y[k], end.rate, np.zeros(len(y[k])) if rest else None, None)
+
     def values(self, index: int, y: np.ndarray) -> list[EndValues]:
         """Returns what the polynomials take at an end whose postures are y, (K, p)."""
-        end = self.conditions[index]
-        chain, joints = self.transport.chain, self.transport.joints
-        at, _ = self.coordinates.tangent(np.full(len(y), end.share), y)
-        rate = np.broadcast_to(end.rate, y.shape)
-        rule = end.end.torque_rule if self.criterion.torque_is_state else "free"
-        if rule == "free":
-            return [EndValues(row, end.rate, None, None) for row in y]
-        if rule == "rest":
-            return [EndValues(row, end.rate, np.zeros(self.transport.chain.p), None) for row in y]
-        tau = end.prescribed_torque(at)
-        assert tau is not None
-        v = matvec(at.s, rate)
-        motion = accelerate(joints, at, v, inertial(chain, joints, at, v), tau)
-        accelerations = motion.a[:, joints.independent]
-        return [
-            EndValues(y[k], end.rate, accelerations[k], motion.multiplier[k]) for k in range(len(y))
-        ]
+        end, motion = self.conditions[index], None
+        if self.criterion.torque_is_state and end.end.torque_rule not in ("free", "rest"):
+            at, _ = self.coordinates.tangent(np.full(len(y), end.share), y)
+            tau = self._prescribed_torque(index, at)
+            assert tau is not None
+            motion = self._accelerate(at, np.broadcast_to(end.rate, y.shape), tau)
+        return [self._end_values(index, y, motion, k) for k in range(len(y))]
 
     def retract(self, index: int, y: np.ndarray) -> np.ndarray:
         """Returns postures y, (K, p), moved back to where the object is as prescribed."""

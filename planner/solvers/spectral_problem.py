@@ -21,7 +21,7 @@ from planner.vectors import matvec
 _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
 _OVERSAMPLING = 1.7
-_CLOSURE = 1e-10  # m, rad: while the motion still changes
+_CLOSURE = 1e-8  # m, rad: while the motion still changes; what is left, the next step takes along
 
 
 @dataclass(eq=False)
@@ -48,6 +48,7 @@ class SpectralProblem:
         degree: Degree of the polynomials.
         phi: The motion's basis and its first two derivatives in time at the nodes, (3, K, .).
         psi: The multiplier's basis there, (K, .).
+        derivative: Differentiation in time at the nodes, (K, K).
     """
 
     def __init__(
@@ -69,43 +70,37 @@ class SpectralProblem:
         motion_ends, force_ends = self.ends.prescribed()
         self.motion_basis: Basis = make_basis(degree, *motion_ends, _SMOOTH_MOTION)
         self.force_basis: Basis = make_basis(degree - 2, *force_ends, _SMOOTH_FORCE)
-        phi = basis_at_nodes(degree, *motion_ends, _SMOOTH_MOTION, count, 3)
-        self.psi = basis_at_nodes(degree - 2, *force_ends, _SMOOTH_FORCE, count, 1)[0]
+        phi = basis_at_nodes(*self.motion_basis.key, count, 3)
+        self.psi = basis_at_nodes(*self.force_basis.key, count, 1)[0]
         units = np.array([1.0, transport.duration, transport.duration**2])
         self.phi = phi / units[:, None, None]
+        self.derivative = self.nodes.derivative / transport.duration
 
     # ---- places of the unknowns ------------------------------------------------------------------
 
     @cached_property
-    def _sizes(self) -> tuple[int, int, int, int]:
-        return (
-            self.motion_basis.free * self.p,
-            self.force_basis.free * self.m,
-            self.ends.null_guess[0].shape[1],
-            self.ends.null_guess[1].shape[1],
-        )
-
-    @cached_property
     def places(self) -> tuple[slice, slice, slice, slice]:
         """Places of the motion's and the force's coefficients and of the ends' free postures."""
-        edges = np.concatenate([[0], np.cumsum(self._sizes)])
-        a, b, c, d = (slice(int(low), int(high)) for low, high in pairwise(edges))
-        return a, b, c, d
+        start, goal = (null.shape[1] for null in self.ends.null_guess)
+        sizes = self.motion_basis.free * self.p, start, goal, self.force_basis.free * self.m
+        edges = np.concatenate([[0], np.cumsum(sizes)])
+        motion, first, last, force = (slice(int(low), int(high)) for low, high in pairwise(edges))
+        return motion, force, first, last
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return sum(self._sizes)
+        return self.places[1].stop
 
-    @cached_property
-    def motion(self) -> np.ndarray:
-        """Indices of the unknowns that move the arms, those of the ends' postures included."""
-        return np.r_[self.places[0], self.places[2], self.places[3]]
+    @property
+    def motion(self) -> slice:
+        """Places of the unknowns that move the arms, those of the ends' postures included."""
+        return slice(0, self.places[3].stop)
 
-    @cached_property
-    def force(self) -> np.ndarray:
-        """Indices of the multiplier's unknowns."""
-        return np.r_[self.places[1]]
+    @property
+    def force(self) -> slice:
+        """Places of the multiplier's unknowns."""
+        return self.places[1]
 
     def metric(self, point: Point) -> np.ndarray:
         """Returns the root M of a norm on the motion's unknowns, upper triangle.
@@ -115,10 +110,11 @@ class SpectralProblem:
         """
         s = point.torques.tangent.s[:, None]
         weights = np.sqrt(self.nodes.weights)[:, None, None]
-        square = np.zeros((len(self.motion), len(self.motion)))
+        size = self.motion.stop
+        square = np.zeros((size, size))
         for order, unit in ((0, 1.0), (1, self.transport.duration)):
             rows = self.along_unknowns(point, s, order)[:, :, self.motion]
-            rows = (rows * (unit * weights)).reshape(-1, len(self.motion))
+            rows = (rows * (unit * weights)).reshape(-1, size)
             square += rows.T @ rows
         square[np.diag_indices_from(square)] += 1e-10 * np.max(np.diag(square))
         root: np.ndarray = np.linalg.cholesky(square).T
@@ -145,30 +141,28 @@ class SpectralProblem:
         )
 
     def evaluate(
-        self, x: np.ndarray, ends: tuple[EndValues, EndValues], near: Tangent | None = None
+        self, x: np.ndarray, ends: tuple[EndValues, EndValues], near: Tangent | np.ndarray
     ) -> Point | None:
         """Returns the iterate with coefficients x; None where the chain cannot be closed.
 
         Args:
             x: Unknowns; those of the ends' postures are already in `ends`.
             ends: Values at the ends.
-            near: Freedoms of a motion nearby, along which closure is sought.
+            near: Postures of a motion nearby, (K, N), or its freedoms, along which closure is
+                sought.
         """
         motion, force = self.coefficients(x, ends)
         y, rate, acceleration = self.phi @ motion
         multiplier = self.psi @ force
         chain, joints = self.transport.chain, self.transport.joints
-        if near is None:
-            q, at, closed = self.coordinates.close(self.nodes.u, y)
-        else:
-            guess = near.q + matvec(near.s, y - near.q[:, joints.independent])
-            guess[:, joints.independent] = y
-            q, at, closed = chain.close(guess, joints.dependent, _CLOSURE)
+        guess = near.shifted(chain, joints, y) if isinstance(near, Tangent) else near.copy()
+        guess[:, joints.independent] = y
+        q, at, closed = chain.close(guess, joints.dependent, _CLOSURE)
         if not closed.all():
             return None
         freedoms = tangent(chain, joints, q, at)
         torques = inverse_torques(chain, joints, freedoms, rate, acceleration, multiplier)
-        slope = self.nodes.derivative @ torques.tau / self.transport.duration
+        slope = self.derivative @ torques.tau
         cost = self._cost(torques, slope)
         if not np.isfinite(cost):
             return None
@@ -226,47 +220,48 @@ class SpectralProblem:
         """Returns the places of an end's values among a basis's coefficients."""
         return slice(0, basis.ends[0]) if index == 0 else slice(basis.ends[0], basis.conditions)
 
-    def normal_equations(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns gradient, Gauss-Newton matrix, and the cost's derivative along the torques.
+    @cached_property
+    def _roots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Roots of the weights of squared torques and of squared slopes at the nodes, (K, N)."""
+        weight = self.nodes.weights[:, None] * self.transport.duration
+        criterion = self.criterion
+        of_rates = criterion.rate_weights if criterion.torque_is_state else np.zeros(self.n)
+        return np.sqrt(weight * criterion.torque_weights), np.sqrt(weight * of_rates)
 
-        Shapes (size,), (size, size), (K, N).
-        """
-        criterion, duration, torques = self.criterion, self.transport.duration, point.torques
+    def normal_equations(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Returns gradient, (size,), and Gauss-Newton matrix, (size, size)."""
+        criterion, torques = self.criterion, point.torques
         design = self.along_unknowns(point, torques.along_motion, 0, torques.along_multiplier)
-        count = len(self.nodes.u)
-        weight = self.nodes.weights[:, None] * duration
-        matrix = np.zeros((self.size, self.size))
-        along_torque = np.zeros((count, self.n))
+        count, size = len(self.nodes.u), self.size
+        of_torque, of_rate = self._roots
+        parts = []
         if criterion.torque_is_state:
-            root = np.sqrt(weight * criterion.rate_weights)
-            slopes = (self.nodes.derivative / duration) @ design.reshape(count, -1)
-            rows = (slopes.reshape(design.shape) * root[..., None]).reshape(-1, self.size)
-            matrix += rows.T @ rows
-            along_torque += (self.nodes.derivative.T / duration) @ (root**2 * point.slope)
+            slopes = self.derivative @ design.reshape(count, -1)
+            parts.append((point.slope, slopes.reshape(design.shape), of_rate))
         if np.any(criterion.torque_weights):
-            root = np.sqrt(weight * criterion.torque_weights)
-            rows = (design * root[..., None]).reshape(-1, self.size)
+            parts.append((torques.tau, design, of_torque))
+        cost = criterion.state_cost
+        if cost is not None:
+            at, weight = torques.tangent, self.nodes.weights[:, None] * self.transport.duration
+            speeds = self.along_unknowns(point, np.stack([torques.drag, at.s], axis=1))
+            postures = self.along_unknowns(point, at.s[:, None])
+            parts.append((torques.v, speeds, np.sqrt(cost.speed * weight)))
+            away = at.q - cost.reference
+            parts.append((away, postures, np.sqrt(cost.posture * weight)))
+        matrix, gradient = np.zeros((size, size)), np.zeros(size)
+        for value, derivative, root in parts:
+            rows = (derivative * root[..., None]).reshape(-1, size)
             matrix += rows.T @ rows
-            along_torque += root**2 * torques.tau
-        gradient = along_torque.ravel() @ design.reshape(-1, self.size)
-        for value, derivative, factor in self._state_rows(point):
-            rows = derivative.reshape(-1, self.size)
-            scaled = factor * np.repeat(weight[:, 0], self.n)
-            matrix += rows.T @ (scaled[:, None] * rows)
-            gradient = gradient + (scaled * value.ravel()) @ rows
-        return gradient, matrix, along_torque
+            gradient += (value * root).ravel() @ rows
+        return gradient, matrix
 
-    def _state_rows(self, point: Point) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Returns state costs as (value, derivative along the unknowns, weight)."""
-        cost, torques = self.criterion.state_cost, point.torques
-        if cost is None:
-            return []
-        at = torques.tangent
-        speed = np.stack([torques.drag, at.s], axis=1)
-        return [
-            (torques.v, self.along_unknowns(point, speed), cost.speed),
-            (at.q - cost.reference, self.along_unknowns(point, at.s[:, None]), cost.posture),
-        ]
+    def along_torque(self, point: Point) -> np.ndarray:
+        """Returns the cost's derivative along the torques at the nodes, (K, N)."""
+        of_torque, of_rate = self._roots
+        result = of_torque**2 * point.torques.tau
+        if self.criterion.torque_is_state:
+            result += self.derivative.T @ (of_rate**2 * point.slope)
+        return result
 
     def unknowns_to_motion(self, point: Point) -> np.ndarray:
         """Returns how (y, dy/dt, d2y/dt2, lambda) at the nodes depend on the unknowns.

@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner.solvers.basis import fit_at_nodes
 from planner.solvers.curves import Curves
 from planner.solvers.spectral_ends import EndValues
 from planner.solvers.spectral_problem import SpectralProblem
 
 
 def project(
-    problem: SpectralProblem,
-    ends: tuple[EndValues, EndValues],
-    y: np.ndarray,
-    multiplier: np.ndarray | None,
+    problem: SpectralProblem, ends: tuple[EndValues, EndValues], y: np.ndarray
 ) -> np.ndarray:
-    """Returns the unknowns nearest to a motion, (K, p), and multiplier, (K, m), at nodes."""
-    motion, force = problem.carried(ends)
-    root = np.sqrt(problem.nodes.weights)[:, None]
-    places, result = problem.places, np.zeros(problem.size)
-    skip = len(motion)
-    rest = root * (y - problem.phi[0][:, :skip] @ motion)
-    found = np.linalg.lstsq(root * problem.phi[0][:, skip:], rest, rcond=None)[0]
-    result[places[0]] = found.T.ravel()
-    if multiplier is not None:
-        skip = len(force)
-        rest = root * (multiplier - problem.psi[:, :skip] @ force)
-        found = np.linalg.lstsq(root * problem.psi[:, skip:], rest, rcond=None)[0]
-        result[places[1]] = found.T.ravel()
+    """Returns the unknowns nearest to a motion at the nodes, (K, p), with the ends given."""
+    motion, _ = problem.carried(ends)
+    result = np.zeros(problem.size)
+    rest = y - problem.phi[0][:, : len(motion)] @ motion
+    fit = fit_at_nodes(*problem.motion_basis.key, len(y))
+    result[problem.places[0]] = (fit @ rest).T.ravel()
     return result
 
 
@@ -37,8 +28,7 @@ def carry_over(problem: SpectralProblem, curves: Curves) -> np.ndarray:
     Other ends then bend the motion as little as their polynomial does, instead of in haste.
     """
     ends = np.array([0.0, 1.0])
-    orders = range(max(problem.motion_basis.ends))
-    values = [curves.y(ends, order) for order in orders]
+    values = [curves.y(ends, order) for order in range(max(problem.motion_basis.ends))]
     own = [
         values[order][index]
         for index in (0, 1)
@@ -46,14 +36,13 @@ def carry_over(problem: SpectralProblem, curves: Curves) -> np.ndarray:
     ]
     force_values = curves.multiplier(ends)
     own_force = [force_values[index] for index in (0, 1) if problem.force_basis.ends[index]]
-    u, root = problem.nodes.u, np.sqrt(problem.nodes.weights)[:, None]
+    u = problem.nodes.u
     places, result = problem.places, np.zeros(problem.size)
-    for place, basis_values, carried, wanted in (
-        (places[0], problem.phi[0], own, curves.y(u)),
-        (places[1], problem.psi, own_force, curves.multiplier(u)),
+    for place, key, basis_values, carried, wanted in (
+        (places[0], problem.motion_basis.key, problem.phi[0], own, curves.y(u)),
+        (places[1], problem.force_basis.key, problem.psi, own_force, curves.multiplier(u)),
     ):
         skip = len(carried)
         rest = wanted - (basis_values[:, :skip] @ np.array(carried) if skip else 0.0)
-        free = root * basis_values[:, skip:]
-        result[place] = np.linalg.lstsq(free, root * rest, rcond=None)[0].T.ravel()
+        result[place] = (fit_at_nodes(*key, len(u)) @ rest).T.ravel()
     return result

@@ -34,16 +34,16 @@ class Model:
     force_step: np.ndarray
     force_gain: float
     force_follow: np.ndarray
-    motion: np.ndarray
-    force: np.ndarray
+    motion: slice | np.ndarray
+    force: slice | np.ndarray
 
 
 def reduce_model(
     gradient: np.ndarray,
     hessian: np.ndarray,
     metric: np.ndarray,
-    motion: np.ndarray,
-    force: np.ndarray,
+    motion: slice | np.ndarray,
+    force: slice | np.ndarray,
 ) -> Model:
     """Returns the model with the multiplier eliminated.
 
@@ -51,16 +51,16 @@ def reduce_model(
         gradient: (size,).
         hessian: (size, size), positive along the multiplier's unknowns.
         metric: Root M of the trust region's norm |M d| on the motion's unknowns: upper triangle.
-        motion: Indices of the motion's unknowns.
-        force: Indices of the multiplier's.
+        motion: Places of the motion's unknowns.
+        force: Places of the multiplier's.
     """
-    block = hessian[np.ix_(force, force)]
-    cross = hessian[np.ix_(force, motion)]
+    block = hessian[force][:, force]
+    cross = hessian[force][:, motion]
     factor = scipy.linalg.cho_factor(block, check_finite=False)
     right = np.column_stack([gradient[force], cross])
     solved = scipy.linalg.cho_solve(factor, right, check_finite=False)
     step, follow = -solved[:, 0], -solved[:, 1:]
-    reduced = hessian[np.ix_(motion, motion)] + cross.T @ follow
+    reduced = hessian[motion][:, motion] + cross.T @ follow
     slope = gradient[motion] + cross.T @ step
     half = scipy.linalg.solve_triangular(metric, reduced, trans="T", check_finite=False)
     scaled = scipy.linalg.solve_triangular(metric, half.T, trans="T", check_finite=False)
@@ -72,12 +72,9 @@ def reduce_model(
 
 def newton_step(gradient: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Returns the step to the model's minimum and its gain; None if the Hessian is not positive."""
-    try:
-        factor = scipy.linalg.cho_factor(hessian, check_finite=False)
-    except scipy.linalg.LinAlgError:
-        return None
-    move = -scipy.linalg.cho_solve(factor, gradient, check_finite=False)
-    return move, -0.5 * float(gradient @ move)
+    # LAPACK itself: SciPy's checks around it take longer than this small matrix
+    _, move, status = scipy.linalg.lapack.dposv(hessian, -gradient, lower=1)
+    return None if status else (move, -0.5 * float(gradient @ move))
 
 
 def trust_region_step(model: Model, radius: float) -> tuple[np.ndarray, float, float]:
@@ -104,7 +101,7 @@ def trust_region_step(model: Model, radius: float) -> tuple[np.ndarray, float, f
     short = radius**2 - float(along @ along)
     if values[0] < -tiny and short > 1e-2 * radius**2:
         along[0] += np.copysign(np.sqrt(short), along[0] or 1.0)
-    move = np.empty(len(model.motion) + len(model.force))
+    move = np.empty(len(model.slope) + len(model.force_step))
     motion = model.vectors @ along
     move[model.motion] = motion
     move[model.force] = model.force_step + model.force_follow @ motion
