@@ -167,11 +167,11 @@ class EndConditions:
         if rule == "free":
             return n3 / criterion.rate_weights, nothing
         if rule == "rest":
-            joints = self.transport.joints
-            linear = linearize(joints, at.motion, at.derivatives)
-            kappa = np.linalg.solve(at.motion.reduced, n3[:, joints.independent, None])
+            independent = self.transport.joints.independent
+            linear = linearize(at.motion, at.derivatives)
+            kappa = np.linalg.solve(at.motion.reduced, n3[:, independent, None])
             internal = matvec(at.tangent.gamma, n3)
-            rows = [at.motion.a[:, joints.independent], internal]
+            rows = [at.motion.a[:, independent], internal]
             return np.concatenate(rows, axis=1), matvec(transpose(linear.along_y), kappa[..., 0])
         prescribed = self.prescribed_torque(at.tangent)
         rows_given = x[:, criterion.at_tau] - prescribed

@@ -100,19 +100,6 @@ class Loop:
             result += self.blocked[:, 3:] @ wrapped_cross(before, angular)[:3].sum(axis=2)
         return result.T
 
-    def velocity_derivative(self, v: np.ndarray) -> np.ndarray:
-        """Returns d(Gamma v)/dq at constant v, (K, m, N)."""
-        linear, angular, before = self._moving(v)
-        here = self.order.from_here
-        turned = wrapped_cross(self.angular, angular @ here) if self.turning else None
-        moved = wrapped_cross(before, self.linear) + wrapped_cross(self.angular, linear @ here)
-        return self._rows(moved, turned)
-
-    def force_derivative(self, v: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
-        """Returns d(v' Gamma' multiplier)/dq at constant v and multiplier, (K, N)."""
-        result: np.ndarray = (multiplier[:, None, :] @ self.velocity_derivative(v))[:, 0]
-        return result
-
     def force_jacobian(self, multiplier: np.ndarray) -> np.ndarray:
         """Returns d(Gamma' multiplier)/dq, (K, N, N): row j, derivative along joint k."""
         force = wrap(self.blocked[:, :3].T @ multiplier.T)[..., None]

@@ -185,49 +185,68 @@ class Linearization:
 
 @dataclass(frozen=True, eq=False)
 class InverseDerivatives:
-    """Derivatives of inverse dynamics and closure at a motion, each along all joints.
+    """Derivatives of a motion that keep the accelerations d2y/dt2 and the multiplier.
+
+    All others follow: the torques tau(y, dy/dt, d2y/dt2, lambda) are explicit, so that along a
+    motion  S'(tau_y dy + tau_rate d(dy/dt) + I S d(d2y/dt2) - d tau) = 0.
 
     Attributes:
-        torque_q: d(I a + C + G)/dq, (K, N, N).
-        torque_v: d(I a + C + G)/dv, (K, N, N).
-        closure_q: d(gamma)/dq, (K, m, N).
-        closure_v: d(gamma)/dv, (K, m, N).
-        slip: d(Gamma v)/dq, (K, m, N).
-        drag: Share of the dependent joints' rates in dv/dy, D = dv/dy at constant dy/dt, (K, N, p).
+        torque: Of the torques along y and along dy/dt, (K, 2, N, p).
+        drag: Of the joint velocity along y, dv/dy, (K, N, p).
     """
 
-    torque_q: np.ndarray
-    torque_v: np.ndarray
-    closure_q: np.ndarray
-    closure_v: np.ndarray
-    slip: np.ndarray
+    torque: np.ndarray
     drag: np.ndarray
 
 
-def inverse_derivatives(chain: ClosedChain, joints: Joints, motion: Motion) -> InverseDerivatives:
-    """Returns what all derivatives of the motion are made of, see `InverseDerivatives`."""
-    at = motion.tangent
-    _, load = chain.dynamics.inverse_dynamics_derivatives(at.q, motion.v, motion.a)
-    closure_q, closure_v, slip = at.loop.derivatives(motion.v, motion.a)
-    drag = np.zeros_like(at.s)
-    drag[:, joints.dependent] = -at.inverse @ (slip @ at.s)
-    return InverseDerivatives(load[:, 0], load[:, 1], closure_q, closure_v, slip, drag)
+def inverse_derivatives(
+    chain: ClosedChain,
+    joints: Joints,
+    at: Tangent,
+    v: np.ndarray,
+    a: np.ndarray,
+    multiplier: np.ndarray,
+    load: np.ndarray | None = None,
+) -> InverseDerivatives:
+    """Returns the derivatives of the torques that a motion needs, see `InverseDerivatives`.
+
+    Args:
+        chain: The closed chain.
+        joints: Independent and dependent joints.
+        at: Freedoms at the postures.
+        v: Joint velocity, (K, N).
+        a: Joint acceleration, (K, N).
+        multiplier: lambda, (K, m).
+        load: Derivatives of I a + C + G along q, v and a if they are known, (K, 3, N, N).
+    """
+    if load is None:
+        _, load = chain.dynamics.inverse_dynamics_derivatives(at.q, v, a)
+    dependent, (count, n, p), m = joints.dependent, at.s.shape, chain.m
+    closure_q, closure_v, slip = at.loop.derivatives(v, a)
+    # the joints' loads and the closure's acceleration along q, then along v, then Gamma v along q
+    along = np.empty((count, 2 * (n + m) + m, n))
+    along[:, :n] = load[:, 0]
+    along[:, :n] -= at.loop.force_jacobian(multiplier)
+    along[:, n : n + m] = closure_q
+    along[:, n + m : 2 * n + m] = load[:, 1]
+    along[:, 2 * n + m : 2 * (n + m)] = closure_v
+    along[:, 2 * (n + m) :] = slip
+    parts = along @ at.s
+    # with y, dy/dt and d2y/dt2 given, closure moves the dependent rates and accelerations along
+    drag = -at.inverse @ parts[:, 2 * (n + m) :]
+    parts[:, : n + m] += along[:, n + m : 2 * (n + m), dependent] @ drag
+    both = parts[:, : 2 * (n + m)].reshape(count, 2, n + m, p)
+    lever = load[:, 2][:, :, dependent] @ at.inverse
+    whole_drag = np.zeros_like(at.s)
+    whole_drag[:, dependent] = drag
+    return InverseDerivatives(both[:, :, :n] - lever[:, None] @ both[:, :, n:], whole_drag)
 
 
-def linearize(joints: Joints, motion: Motion, derivatives: InverseDerivatives) -> Linearization:
+def linearize(motion: Motion, derivatives: InverseDerivatives) -> Linearization:
     """Returns the derivatives of the independent accelerations along y, dy/dt and tau."""
-    at, given = motion.tangent, derivatives
-    s, drag = at.s, given.drag
-    pull = at.loop.force_jacobian(motion.multiplier)
-    forces_y = -(given.torque_q - pull) @ s - given.torque_v @ drag
-    slide_y = given.closure_q @ s + given.closure_v @ drag
-    forces = np.concatenate([forces_y, -given.torque_v @ s], axis=2)
-    slide = np.concatenate([slide_y, given.closure_v @ s], axis=2)
-    follow = np.zeros_like(forces)
-    follow[:, joints.dependent] = -at.inverse @ slide
-    both = motion.reduced @ (transpose(s) @ (forces - motion.inertia @ follow))
-    p = s.shape[2]
-    return Linearization(both[:, :, :p], both[:, :, p:], motion.reduced @ transpose(s))
+    effect = motion.reduced @ transpose(motion.tangent.s)
+    along = -effect[:, None] @ derivatives.torque
+    return Linearization(along[:, 0], along[:, 1], effect)
 
 
 def linearize_multiplier(
@@ -237,22 +256,16 @@ def linearize_multiplier(
 
     Shapes (K, m, p), (K, m, p), (K, m, N).
     """
-    at, given, dependent = motion.tangent, derivatives, joints.dependent
-    s, drag, linear = at.s, given.drag, linearize(joints, motion, derivatives)
-    pull = at.loop.force_jacobian(motion.multiplier)
-    load_y = (given.torque_q - pull) @ s + given.torque_v @ drag
-    slide_y = given.closure_q @ s + given.closure_v @ drag
+    at, dependent, linear = motion.tangent, joints.dependent, linearize(motion, derivatives)
+    inertia = motion.inertia @ at.s
 
-    def force(change: np.ndarray, slide: np.ndarray | None, load: np.ndarray) -> np.ndarray:
-        a = s @ change
-        if slide is not None:
-            a[:, dependent] -= at.inverse @ slide
-        surplus = (motion.inertia @ a + load)[:, dependent]
+    def force(change: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        surplus = (inertia @ change + torque)[:, dependent]
         result: np.ndarray = transpose(at.inverse) @ surplus
         return result
 
     return Linearization(
-        force(linear.along_y, slide_y, load_y),
-        force(linear.along_rate, given.closure_v @ s, given.torque_v @ s),
-        force(linear.along_torque, None, -np.eye(s.shape[1])),
+        force(linear.along_y, derivatives.torque[:, 0]),
+        force(linear.along_rate, derivatives.torque[:, 1]),
+        force(linear.along_torque, -np.eye(at.s.shape[1])),
     )

@@ -1,12 +1,12 @@
 """Gradient of the Hamiltonian (eqs. 11, 12) without third derivatives of the kinematics.
 
-The constraint matrix of the equation of motion is solved once more, for the costates n2 of the
-accelerations:  [I -Gamma'; -Gamma 0] [mu; sigma] = [E n2; 0].  Then, with P and Q the derivatives
-of inverse dynamics and gamma the relative acceleration at the hands,
+The torques that a motion needs are explicit in y, dy/dt, d2y/dt2 and lambda, and their derivatives
+give those of the accelerations: S'(tau_y dy + I S d(d2y/dt2)) = 0 at constant torques. Hence, with
+mu = S (S'IS)^-1 n2 and the derivatives tau_y and tau_rate at constant accelerations and lambda,
 
-    dH/dq = -(P - d(Gamma' lambda)/dq)' mu + (d gamma/dq)' sigma,
-    dH/dv = -Q' mu + (d gamma/dv)' sigma,
-    H_y = S' dH/dq + D' dH/dv,   H_rate = n1 + S' dH/dv,   H_tau = B' n2 = mu.
+    H_y = -tau_y' mu,   H_rate = n1 - tau_rate' mu,   H_tau = B' n2 = mu,
+
+and the state cost's own gradient besides.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner.constrained_dynamics import InverseDerivatives, Joints, Motion, Tangent
+from planner.constrained_dynamics import InverseDerivatives, Motion, Tangent
 from planner.vectors import matvec, transpose
 
 
@@ -62,7 +62,6 @@ def torque_costate(at: Tangent, reduced: np.ndarray, n2: np.ndarray) -> np.ndarr
 
 
 def hamiltonian_gradient(
-    joints: Joints,
     motion: Motion,
     derivatives: InverseDerivatives,
     n2: np.ndarray,
@@ -71,26 +70,18 @@ def hamiltonian_gradient(
     """Returns the Hamiltonian's gradient along the state, see the module's text.
 
     Args:
-        joints: Independent and dependent joints.
         motion: The motion at K states.
-        derivatives: Derivatives of inverse dynamics and closure there.
+        derivatives: Derivatives of the torques that it needs.
         n2: Costates of the independent joints' accelerations, (K, p).
         state_cost: Running cost on speed and posture, if any.
     """
-    at, given = motion.tangent, derivatives
+    at = motion.tangent
     mu = torque_costate(at, motion.reduced, n2)
-    sigma = matvec(transpose(at.inverse), matvec(motion.inertia, mu)[:, joints.dependent])
-    along_q = (
-        -matvec(transpose(given.torque_q), mu)
-        + at.loop.force_derivative(mu, motion.multiplier)
-        + matvec(transpose(given.closure_q), sigma)
-    )
-    along_v = -matvec(transpose(given.torque_v), mu) + matvec(transpose(given.closure_v), sigma)
+    along = -(mu[:, None, None, :] @ derivatives.torque)[:, :, 0]
+    along_y, along_rate = along[:, 0], along[:, 1]
     if state_cost is not None:
-        along_q += state_cost.posture * (at.q - state_cost.reference)
-        along_v += state_cost.speed * motion.v
-    return Gradient(
-        along_y=matvec(transpose(at.s), along_q) + matvec(transpose(given.drag), along_v),
-        along_rate=matvec(transpose(at.s), along_v),
-        along_torque=mu,
-    )
+        away = state_cost.posture * (at.q - state_cost.reference)
+        speed = state_cost.speed * motion.v
+        along_y += matvec(transpose(at.s), away) + matvec(transpose(derivatives.drag), speed)
+        along_rate += matvec(transpose(at.s), speed)
+    return Gradient(along_y, along_rate, mu)

@@ -21,7 +21,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def wrap(vectors: np.ndarray) -> np.ndarray:
-    """Returns vectors, components first, with the first two repeated at the end, (3, ...) to (5, ...).
+    """Returns vectors, components first, with the first two repeated behind, (3, ...) to (5, ...).
 
     So wrapped, a cross product of many vectors takes two products of slices, see `wrapped_cross`.
     """

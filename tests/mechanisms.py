@@ -12,11 +12,13 @@ import numpy as np
 from planner.assembly import build_chain
 from planner.chain import ClosedChain
 from planner.constrained_dynamics import (
+    InverseDerivatives,
     Joints,
     Motion,
     Tangent,
     accelerate,
     inertial,
+    inverse_derivatives,
     tangent,
 )
 from planner.independent_joints import choose_joints
@@ -216,6 +218,12 @@ def settle(scenario: Scenario) -> Mechanism:
     assert good.all()
     joints = choose_joints(chain, posture)
     return Mechanism(scenario, chain, joints, posture[0])
+
+
+def derivatives_of(mechanism: Mechanism, motion: Motion) -> InverseDerivatives:
+    """Derivatives of the torques that a motion needs."""
+    parts = motion.tangent, motion.v, motion.a, motion.multiplier
+    return inverse_derivatives(mechanism.chain, mechanism.joints, *parts)
 
 
 def random_states(mechanism: Mechanism, count: int = 4, seed: int = 0) -> States:

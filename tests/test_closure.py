@@ -122,14 +122,11 @@ def check_derivatives(mechanism: Mechanism) -> None:
         return np.einsum("kmi,km->ki", at.jacobian(), multiplier)
 
     n = chain.n
-    wanted = differences(lambda d: velocity(loop(mechanism, q + d)), n, STEP)
-    assert relative_error(here.velocity_derivative(v), wanted) < ACCURACY
     wanted = differences(lambda d: force(loop(mechanism, q + d)), n, STEP)
     assert relative_error(here.force_jacobian(multiplier), wanted) < ACCURACY
-    power = np.einsum("ki,kij->kj", v, wanted)
-    assert relative_error(here.force_derivative(v, multiplier), power) < ACCURACY
     along_q, along_v, slip = here.derivatives(v, a)
-    np.testing.assert_allclose(slip, here.velocity_derivative(v), atol=1e-12)
+    wanted = differences(lambda d: velocity(loop(mechanism, q + d)), n, STEP)
+    assert relative_error(slip, wanted) < ACCURACY
     wanted = differences(lambda d: acceleration(loop(mechanism, q + d), v), n, STEP)
     assert relative_error(along_q, wanted) < ACCURACY
     wanted = differences(lambda d: acceleration(here, v + d), n, 1.0)

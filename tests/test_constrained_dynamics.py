@@ -12,12 +12,18 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import Mechanism, difference, differences, random_states, relative_error
+from mechanisms import (
+    Mechanism,
+    derivatives_of,
+    difference,
+    differences,
+    random_states,
+    relative_error,
+)
 
 from planner.constrained_dynamics import (
     Linearization,
     Motion,
-    inverse_derivatives,
     linearize,
     linearize_multiplier,
 )
@@ -60,13 +66,15 @@ def full_derivatives(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, 
     The whole system [I -G'; G 0] is solved for them, (K, N, 2p + N) and (K, m, 2p + N).
     """
     chain, at = mechanism.chain, motion.tangent
-    d = inverse_derivatives(chain, mechanism.joints, motion)
     n, m, count = chain.n, chain.m, len(motion.a)
-    s, drag = at.s, d.drag
+    s, drag = at.s, derivatives_of(mechanism, motion).drag
     pull = at.loop.force_jacobian(motion.multiplier)
-    forces = -np.concatenate([(d.torque_q - pull) @ s + d.torque_v @ drag, d.torque_v @ s], axis=2)
+    _, load = chain.dynamics.inverse_dynamics_derivatives(at.q, motion.v, motion.a)
+    torque_q, torque_v = load[:, 0] - pull, load[:, 1]
+    closure_q, closure_v, _ = at.loop.derivatives(motion.v, motion.a)
+    forces = -np.concatenate([torque_q @ s + torque_v @ drag, torque_v @ s], axis=2)
     forces = np.concatenate([forces, np.broadcast_to(np.eye(n), (count, n, n))], axis=2)
-    slide = -np.concatenate([d.closure_q @ s + d.closure_v @ drag, d.closure_v @ s], axis=2)
+    slide = -np.concatenate([closure_q @ s + closure_v @ drag, closure_v @ s], axis=2)
     slide = np.concatenate([slide, np.zeros((count, m, n))], axis=2)
     matrix = np.zeros((count, n + m, n + m))
     matrix[:, :n, :n] = motion.inertia
@@ -81,8 +89,7 @@ def stacked(linear: Linearization) -> np.ndarray:
 
 
 def linearized(mechanism: Mechanism, motion: Motion) -> Linearization:
-    joints = mechanism.joints
-    return linearize(joints, motion, inverse_derivatives(mechanism.chain, joints, motion))
+    return linearize(motion, derivatives_of(mechanism, motion))
 
 
 # ---- the equation of motion itself ---------------------------------------------------------------
@@ -152,7 +159,7 @@ def test_derivatives_under_a_rigid_grasp_are_pinocchios(
     mechanism: Mechanism = request.getfixturevalue(name)
     states = random_states(mechanism, 4)
     motion = mechanism.move(states.q, states.rate, states.tau)
-    drag = inverse_derivatives(mechanism.chain, mechanism.joints, motion).drag
+    drag = derivatives_of(mechanism, motion).drag
     accelerations, forces = [], []
     for place in range(4):
         answer = oracle.direct(mechanism, states.q[place], motion.v[place], states.tau[place])
@@ -228,7 +235,7 @@ def check_against_differences(mechanism: Mechanism, seed: int) -> None:
     )
     linear = linearized(mechanism, motion)
     a, multiplier = full_derivatives(mechanism, motion)
-    derivatives = inverse_derivatives(mechanism.chain, mechanism.joints, motion)
+    derivatives = derivatives_of(mechanism, motion)
     of_force = linearize_multiplier(mechanism.joints, motion, derivatives)
     assert relative_error(stacked(of_force), multiplier) < ACCURACY
     mine = (linear.along_y, linear.along_rate, linear.along_torque)

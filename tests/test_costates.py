@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import Mechanism, differences, random_states, relative_error
+from mechanisms import Mechanism, derivatives_of, differences, random_states, relative_error
 
-from planner.constrained_dynamics import inverse_derivatives, linearize
+from planner.constrained_dynamics import linearize
 from planner.costates import Gradient, StateCost, hamiltonian_gradient, torque_costate
 
 STEP = 2e-3
@@ -26,8 +26,7 @@ def gradient(
     mechanism: Mechanism, states: mechanisms.States, cost: StateCost | None = None
 ) -> Gradient:
     motion = mechanism.move(states.q, states.rate, states.tau)
-    derivatives = inverse_derivatives(mechanism.chain, mechanism.joints, motion)
-    return hamiltonian_gradient(mechanism.joints, motion, derivatives, states.n2, cost)
+    return hamiltonian_gradient(motion, derivatives_of(mechanism, motion), states.n2, cost)
 
 
 def check_against_differences(mechanism: Mechanism, seed: int) -> None:
@@ -68,8 +67,7 @@ def test_gradient_is_the_transposed_linearization_times_the_costates(mechanism: 
     """The costates' equations are the adjoint of the linearized motion, to the last digits."""
     states = random_states(mechanism, 4)
     motion = mechanism.move(states.q, states.rate, states.tau)
-    derivatives = inverse_derivatives(mechanism.chain, mechanism.joints, motion)
-    linear = linearize(mechanism.joints, motion, derivatives)
+    linear = linearize(motion, derivatives_of(mechanism, motion))
     found = gradient(mechanism, states)
     for mine, matrix in (
         (found.along_y, linear.along_y),

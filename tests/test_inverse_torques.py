@@ -105,4 +105,4 @@ def test_derivatives(case: Case) -> None:
 def test_drag_is_the_turn_of_the_velocity(case: Case) -> None:
     found = case.torques()
     wanted = differences(lambda d: case.torques(along=d).v, case.mechanism.chain.p, 2e-3)
-    assert relative_error(found.drag, wanted) < 1e-9
+    assert relative_error(found.derivatives.drag, wanted) < 1e-9

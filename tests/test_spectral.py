@@ -13,8 +13,8 @@ from plans import CASES, FREE, minimised, problem_of, solved
 
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.scenario import Scenario
-from planner.solvers.curves import Curves
 from planner.solvers.basis import spline_at_nodes
+from planner.solvers.curves import Curves
 from planner.solvers.spectral import minimise, resolution
 from planner.solvers.spectral_curvature import torque_curvature
 from planner.solvers.spectral_problem import Point, SpectralProblem

@@ -147,8 +147,8 @@ class Criterion(ABC):
         else:
             tau = -torque_costate(at, terms.reduced, n2) / self.torque_weights
         motion = accelerate(joints, at, v, terms, tau)
-        derivatives = inverse_derivatives(chain, joints, motion)
-        gradient = hamiltonian_gradient(joints, motion, derivatives, n2, self.state_cost)
+        derivatives = inverse_derivatives(chain, joints, at, v, motion.a, motion.multiplier)
+        gradient = hamiltonian_gradient(motion, derivatives, n2, self.state_cost)
         return Evaluation(closed, tau, motion, derivatives, gradient)
 
     @abstractmethod

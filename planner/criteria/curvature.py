@@ -66,8 +66,8 @@ def hamiltonian_curvature(
     v = matvec(both.s, rates.reshape(-1, p))
     tau, costate = _repeat(at.tau, 2 * p), _repeat(n2, 2 * p)
     motion = accelerate(joints, both, v, inertial(chain, joints, both, v), tau)
-    derivatives = inverse_derivatives(chain, joints, motion)
-    gradient = hamiltonian_gradient(joints, motion, derivatives, costate, state_cost)
+    derivatives = inverse_derivatives(chain, joints, both, v, motion.a, motion.multiplier)
+    gradient = hamiltonian_gradient(motion, derivatives, costate, state_cost)
 
     def difference(new: np.ndarray, old: np.ndarray, part: int, step: float) -> np.ndarray:
         change = new.reshape(2, p, count, -1)[part] - old
@@ -96,12 +96,14 @@ def join_tangents(moved: Tangent, base: Tangent, times: int) -> Tangent:
     at = type(base.at)(
         *(both(getattr(moved.at, f), getattr(base.at, f)) for f in base.at.__dataclass_fields__)
     )
+
+    def both_vectors(new: np.ndarray, old: np.ndarray) -> np.ndarray:
+        return np.concatenate([new, np.tile(old, (1, times, 1))], axis=1)
+
     loop = replace(
         base.loop,
-        linear=np.concatenate([moved.loop.linear, np.tile(base.loop.linear, (1, times, 1))], axis=1),
-        angular=np.concatenate(
-            [moved.loop.angular, np.tile(base.loop.angular, (1, times, 1))], axis=1
-        ),
+        linear=both_vectors(moved.loop.linear, base.loop.linear),
+        angular=both_vectors(moved.loop.angular, base.loop.angular),
         frame=both(moved.loop.frame, base.loop.frame),
         _known=[],
     )

@@ -41,7 +41,7 @@ class Torque(Criterion):
     ) -> np.ndarray:
         """Returns d(dX/dt)/dX, the torque's own dependence on the states included."""
         y, rate, n1, n2 = self.at_y, self.at_rate, self.at_n1, self.at_n2
-        linear = linearize(coordinates.joints, at.motion, at.derivatives)
+        linear = linearize(at.motion, at.derivatives)
         second = hamiltonian_curvature(
             coordinates, at, x[:, rate], x[:, n2], self.state_cost, rate_step
         )

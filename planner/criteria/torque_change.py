@@ -44,7 +44,7 @@ class TorqueChange(Criterion):
         y, rate, tau, n1, n2, n3 = (
             self.at_y, self.at_rate, self.at_tau, self.at_n1, self.at_n2, self.at_n3,
         )  # fmt: skip
-        linear = linearize(coordinates.joints, at.motion, at.derivatives)
+        linear = linearize(at.motion, at.derivatives)
         second = hamiltonian_curvature(
             coordinates, at, x[:, rate], x[:, n2], self.state_cost, rate_step
         )

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.chain import ClosedChain
-from planner.constrained_dynamics import Joints, Tangent
+from planner.constrained_dynamics import InverseDerivatives, Joints, Tangent, inverse_derivatives
 from planner.vectors import matvec, transpose
 
 
@@ -22,6 +22,7 @@ class Torques:
     """Torques at K samples of a motion, and their derivatives once they are asked for.
 
     Attributes:
+        chain: The closed chain.
         joints: Independent and dependent joints.
         tangent: Freedoms at the postures.
         v: Joint velocity, (K, N).
@@ -31,6 +32,7 @@ class Torques:
         tau: Torques, (K, N) [Nm].
     """
 
+    chain: ClosedChain
     joints: Joints
     tangent: Tangent
     v: np.ndarray
@@ -40,43 +42,21 @@ class Torques:
     tau: np.ndarray
 
     @cached_property
-    def _derivatives(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of tau along y and its first two rates, (K, 3, N, p), and the drag."""
-        at, dependent = self.tangent, self.joints.dependent
-        s, inverse = at.s, at.inverse
-        count, n, p = s.shape
-        m = len(dependent)
-        closure_q, closure_v, slip = at.loop.derivatives(self.v, self.a)
-        # with y, dy/dt and d2y/dt2 given, closure moves the dependent rates and accelerations along
-        drag = -inverse @ (slip @ s)
-        slide = np.empty((count, m, 2, p))
-        slide[:, :, 0] = closure_q @ s
-        slide[:, :, 0] += closure_v[:, :, dependent] @ drag
-        slide[:, :, 1] = closure_v @ s
-        follow = inverse @ slide.reshape(count, m, 2 * p)
-        load = self.load.copy()
-        load[:, 0] -= at.loop.force_jacobian(self.multiplier)
-        along = (load.reshape(count, 3 * n, n) @ s).reshape(count, 3, n, p)
-        along[:, 0] += load[:, 1][:, :, dependent] @ drag
-        own = load[:, 2][:, :, dependent] @ follow
-        along[:, :2] -= own.reshape(count, n, 2, p).transpose(0, 2, 1, 3)
-        whole_drag = np.zeros_like(s)
-        whole_drag[:, dependent] = drag
-        return along, whole_drag
+    def derivatives(self) -> InverseDerivatives:
+        """Derivatives along y and dy/dt, and the drag."""
+        return inverse_derivatives(
+            self.chain, self.joints, self.tangent, self.v, self.a, self.multiplier, self.load
+        )
 
     @property
     def along_motion(self) -> np.ndarray:
-        """D tau/dy, d tau/d(dy/dt) and d tau/d(d2y/dt2), (K, 3, N, p)."""
-        return self._derivatives[0]
-
-    @property
-    def drag(self) -> np.ndarray:
-        """Dv/dy at constant dy/dt, (K, N, p)."""
-        return self._derivatives[1]
+        """Derivatives of tau along y, dy/dt and d2y/dt2, (K, 3, N, p)."""
+        own = self.load[:, 2] @ self.tangent.s
+        return np.concatenate([self.derivatives.torque, own[:, None]], axis=1)
 
     @property
     def along_multiplier(self) -> np.ndarray:
-        """D tau/d lambda = -Gamma', (K, N, m)."""
+        """Derivative of tau along lambda, -Gamma', (K, N, m)."""
         return -transpose(self.tangent.gamma)
 
 
@@ -103,4 +83,4 @@ def inverse_torques(
     a[:, joints.dependent] -= matvec(at.inverse, at.loop.bias(v))
     torque, load = chain.dynamics.inverse_dynamics_derivatives(at.q, v, a)
     torque -= (multiplier[:, None, :] @ at.gamma)[:, 0]
-    return Torques(joints, at, v, a, multiplier, load, torque)
+    return Torques(chain, joints, at, v, a, multiplier, load, torque)

@@ -26,7 +26,7 @@ def _contraction(
         s = torques.tangent.s
         speed = weight * cost.speed * torques.v
         away = weight * cost.posture * (torques.tangent.q - cost.reference)
-        parts[0] += matvec(transpose(torques.drag), speed) + matvec(transpose(s), away)
+        parts[0] += matvec(transpose(torques.derivatives.drag), speed) + matvec(transpose(s), away)
         parts[1] += matvec(transpose(s), speed)
     return np.concatenate(parts, axis=1)
 
@@ -75,7 +75,7 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
     second[:, p : 2 * p, p : 2 * p] = 0.5 * (along_rate + transpose(along_rate))
     cost = problem.criterion.state_cost
     if cost is not None:  # its Gauss-Newton part is in the normal equations already
-        s, drag = base.s, point.torques.drag
+        s, drag = base.s, point.torques.derivatives.drag
         both = np.concatenate([drag, s], axis=2)
         second[:, : 2 * p, : 2 * p] -= cost.speed * weight[..., None] * transpose(both) @ both
         second[:, :p, :p] -= cost.posture * weight[..., None] * transpose(s) @ s

@@ -16,7 +16,6 @@ from planner.solvers.curves import Curves
 from planner.solvers.inverse_torques import Torques, inverse_torques
 from planner.solvers.spectral_ends import Ends, EndValues
 from planner.transport import Transport
-from planner.vectors import matvec
 
 _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
@@ -243,7 +242,7 @@ class SpectralProblem:
         cost = criterion.state_cost
         if cost is not None:
             at, weight = torques.tangent, self.nodes.weights[:, None] * self.transport.duration
-            speeds = self.along_unknowns(point, np.stack([torques.drag, at.s], axis=1))
+            speeds = self.along_unknowns(point, np.stack([torques.derivatives.drag, at.s], axis=1))
             postures = self.along_unknowns(point, at.s[:, None])
             parts.append((torques.v, speeds, np.sqrt(cost.speed * weight)))
             away = at.q - cost.reference

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.boundary_value_problem import BoundaryValueProblem, Guess
-from planner.constrained_dynamics import Motion, inverse_derivatives, linearize
+from planner.constrained_dynamics import Motion, linearize
 from planner.costates import hamiltonian_gradient
 from planner.solution import Solution
 from planner.solvers.inverse_torques import inverse_torques
@@ -79,13 +79,12 @@ def _adjoint(
     criterion, transport = problem.criterion, problem.transport
     nodes, torques, duration = result.problem.nodes, result.point.torques, transport.duration
     at, p = torques.tangent, criterion.p
-    inertia, _ = transport.chain.dynamics.inertia_and_bias(at.q, torques.v)
+    inertia = torques.load[:, 2]
     reduced = np.linalg.inv(transpose(at.s) @ inertia @ at.s)
     motion = Motion(at, torques.v, inertia, reduced, torques.a, result.point.multiplier)
-    derivatives = inverse_derivatives(transport.chain, transport.joints, motion)
-    linear = linearize(transport.joints, motion, derivatives)
+    linear = linearize(motion, torques.derivatives)
     none = np.zeros((len(mu), p))
-    source = hamiltonian_gradient(transport.joints, motion, derivatives, none, criterion.state_cost)
+    source = hamiltonian_gradient(motion, torques.derivatives, none, criterion.state_cost)
     degree = result.problem.degree - 3
     points = 2.0 * nodes.u - 1.0
     values = np.polynomial.legendre.legvander(points, degree)
