@@ -10,7 +10,7 @@ import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
-from mechanisms import PAIRS, Mechanism
+from mechanisms import PAIRS, Mechanism, differences
 from mechanisms import human_arms as human
 from plans import CASES, planned
 
@@ -19,7 +19,14 @@ from planner.chain import ClosedChain
 from planner.equation_of_motion import EquationOfMotion
 from planner.holding import static_torque
 from planner.planning import plan as make_plan
-from planner.replay import replay, replay_error
+from planner.replay import (
+    TOLERANCE,
+    growth_rate,
+    replay,
+    replay_checks,
+    replay_error,
+    window_count,
+)
 from planner.result import Plan
 from planner.rig import Rig
 from planner.scenario import Scenario
@@ -113,7 +120,7 @@ def straight(scenario: Scenario) -> tuple[ClosedChain, Plan]:
 def test_every_pair_in_space_arrives(pair: str) -> None:
     chain, plan = lifted(pair)
     assert chain.m == PAIRS[pair]
-    assert np.max(replay_error(chain, plan)) < 1e-4
+    assert np.max(replay_error(chain, plan)) < TOLERANCE
     assert np.max(replay_error(chain, plan, 10)) < 1e-7
 
 
@@ -125,7 +132,7 @@ def test_planar_arms_may_slide(tmp_path: Path, pair: str, axis: tuple[float, ...
     chain, plan = straight(scenario.override({"grasp.axis": list(axis), "solver.samples": 201}))
     assert chain.planar
     assert chain.m == 2
-    assert np.max(replay_error(chain, plan)) < 1e-4
+    assert np.max(replay_error(chain, plan)) < TOLERANCE
     assert np.max(replay_error(chain, plan, 10)) < 1e-7
 
 
@@ -193,6 +200,73 @@ def test_how_the_object_is_split_over_the_weld_does_not_matter(
             ends.append(rig.run(plan.q[70], plan.v[70], plan.tau[70:91], 1e-3)[-1])
         assert np.max(np.abs(ends[0] - plan.q[70])) > 1e-3
         np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+
+
+# ---- motions that are unstable without feedback --------------------------------------------------
+
+
+def test_a_long_motion_under_gravity_is_lost_but_not_its_windows(tmp_path: Path) -> None:
+    scenario = mechanisms.planar_arms(tmp_path)
+    chain, plan = straight(scenario.override({"task.duration": 4.0, "solver.samples": 201}))
+    checks = replay_checks(chain, plan)
+    assert checks.get("replay_max", np.inf) > 0.1
+    assert checks["replay_window"] < 1e-6
+    assert checks["replay"].startswith("the motion is unstable without feedback")
+    # torques that are wrong are told from those that are not, however unstable the motion
+    checks = replay_checks(chain, replace(plan, tau=1.02 * plan.tau))
+    assert checks["replay_window"] > 1e-4
+    assert checks["replay"].startswith("the torques do not produce the motion")
+    assert "replay_growth" not in checks
+
+
+def test_torques_that_are_slightly_wrong_do_not_pass_for_instability() -> None:
+    """Without gravity nothing falls: what is off at the end is the torques' own error."""
+    plan = planned()
+    for factor in (1.001, 1.02):
+        checks = replay_checks(chain_of(plan), replace(plan, tau=factor * plan.tau))
+        assert checks["replay_max"] > TOLERANCE
+        assert checks["replay"].startswith("the torques do not produce the motion")
+
+
+def test_a_replay_that_arrives_needs_no_windows() -> None:
+    plan = planned()
+    assert set(replay_checks(chain_of(plan), plan)) == {"replay_end", "replay_max"}
+
+
+def test_errors_grow_at_the_rate_of_the_fastest_fall(three_jointed: Mechanism) -> None:
+    """Arms at rest, held up by constant torques: the linearised motion has a known fastest mode."""
+    chain, q = three_jointed.chain, three_jointed.posture
+    tau = static_torque(chain, three_jointed.freedoms(q[None]))
+    independent = three_jointed.joints.independent
+
+    def pull(along: np.ndarray) -> np.ndarray:
+        moved = three_jointed.shifted(q[None], along[None])
+        still = np.zeros((1, chain.p))
+        return three_jointed.move(moved, still, tau).a[0, independent]
+
+    stiffness = differences(pull, chain.p, 1e-3)
+    fastest = np.max(np.sqrt(np.linalg.eigvals(stiffness).astype(complex)).real)
+    checks = replay_checks(chain, at_rest(three_jointed, tau[0], 6.0, 1201))
+    assert checks["replay_window"] < 1e-12
+    assert checks["replay_growth"] == pytest.approx(fastest, rel=0.05)
+    assert f"tenfold every {np.log(10.0) / fastest:.1f}" in checks["replay"]
+
+
+def test_growth_is_that_of_an_error_between_noise_and_a_centimetre() -> None:
+    time = np.linspace(0.0, 2.0, 201)
+    error = np.minimum(1e-9 + 1e-10 * np.exp(12.0 * time), 0.5)
+    error[-20:] = np.nan
+    assert growth_rate(error, 0.01, 1e-7) == pytest.approx(12.0, rel=0.01)
+    assert growth_rate(np.array([0.0, 1.0, np.nan]), 0.01, 1e-7) is None
+
+
+@pytest.mark.parametrize(
+    ("duration", "samples", "count"),
+    [(1.0, 501, 10), (2.0, 501, 10), (8.0, 501, 40), (0.1, 501, 10), (8.0, 11, 5)],
+)
+def test_windows_are_short(duration: float, samples: int, count: int) -> None:
+    still = replace(planned(), duration=duration, time=np.linspace(0.0, duration, samples))
+    assert window_count(still) == count
 
 
 def test_unmoving_plan_is_replayed_at_its_place() -> None:

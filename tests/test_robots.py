@@ -115,3 +115,12 @@ def test_hands_that_may_move_on_the_object_carry_it_where_planned(
     found = plan(load(URDF / "two_pandas" / "lift.toml", values)).unwrap()
     assert found.checks["replay_max"] < 1e-6
     assert found.cost < 1.1 * REFERENCE
+
+
+@pytest.mark.slow
+def test_a_slow_lift_cannot_do_without_feedback() -> None:
+    found = plan(load(URDF / "talos" / "bar.toml", {"task.duration": 2.0})).unwrap()
+    assert found.checks["torque_balance"] < 1e-9
+    assert found.checks["replay_window"] < 1e-7
+    assert found.checks["replay_growth"] == pytest.approx(11.4, abs=0.3)  # whatever the duration
+    assert "unstable without feedback" in found.checks["replay"]
