@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from planner.chain import ClosedChain
-from planner.replay import can_replay, replay_error
+from planner.replay import replay_checks
 from planner.result import Plan
 from planner.solution import Solution
 from planner.vectors import matvec, transpose
@@ -18,7 +18,7 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
     """Returns the checks of a plan by name.
 
     `closure` [m, rad], `force_balance` [N], `torque_balance` [Nm], `end_speed` [rad/s],
-    `replay_end` and `replay_max` [m] (or `replay`, in words, where it diverges), `hamiltonian`
+    `replay_end`, `replay_max` and more where these are large (see `replay_checks`), `hamiltonian`
     (its drift over the range of its terms), `pontryagin_residual` (relative residual of the adjoint
     equations), `condition` (worst condition number of the closure), `limits` (what exceeds a
     limit, in words).
@@ -43,15 +43,7 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
         checks["hamiltonian"] = hamiltonian_drift(solution)
         checks["pontryagin_residual"] = solution.residual
         checks |= solution.evidence
-    if can_replay(chain):
-        with np.errstate(all="ignore"):
-            error = replay_error(chain, plan)
-        if np.all(np.isfinite(error)):
-            checks["replay_end"] = float(error[-1])
-            checks["replay_max"] = float(np.max(error))
-        else:
-            checks["replay"] = "diverges: the motion is unstable without feedback"
-    return checks
+    return checks | replay_checks(chain, plan)
 
 
 def hamiltonian_drift(solution: Solution) -> float:

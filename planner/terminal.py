@@ -36,6 +36,8 @@ ACCURACY = {
     "end_speed": ("speed at the ends", "rad/s"),
     "replay_end": ("replay error, end", "m"),
     "replay_max": ("replay error, largest", "m"),
+    "replay_window": ("replay error, windows", "m"),
+    "replay_growth": ("replay error, growth", "1/s"),
 }
 
 
@@ -112,8 +114,10 @@ def print_plan(terminal: Console, plan: Plan, *, heading: bool = True) -> None:
     terminal.print(_heading(plan.scenario) if heading else "")
     _print_table(terminal, _plan_table(plan))
     terminal.print()
-    limits = [str(line) for line in plan.checks.get("limits", ())]
-    _print_lines(terminal, "warning", "yellow", limits)
+    warnings = [str(line) for line in plan.checks.get("limits", ())]
+    if "replay" in plan.checks:
+        warnings.append(str(plan.checks["replay"]))
+    _print_lines(terminal, "warning", "yellow", warnings)
     _print_lines(terminal, "note", "cyan", [*scenario_remarks(plan.scenario), *plan.remarks])
 
 

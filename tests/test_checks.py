@@ -98,6 +98,14 @@ def test_other_torques_are_found() -> None:
     assert "closure" not in found
 
 
+def test_torques_two_percent_off_are_found_within_a_tenth_of_the_motion() -> None:
+    plan = planned()
+    assert "replay_window" not in plan.checks  # the replay of the whole motion says more
+    checks = verify(chain(), replace(plan, tau=1.02 * plan.tau), None)
+    assert 1e-5 < checks["replay_window"] < 0.1 * checks["replay_max"]
+    assert checks["replay"].startswith("the torques do not produce the motion")
+
+
 def test_another_mass_is_found() -> None:
     heavier = planned({"object.mass": 2.1})
     found = faults(heavier)  # checked against the chain that carries 2 kg

@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plans import planned
 
 import planner
 from planner import cli, planning
@@ -17,7 +19,7 @@ from planner.outcome import failure
 from planner.places import PLOT_SUFFIXES
 from planner.result import Plan
 from planner.solution import Refinement
-from planner.terminal import Progress, screen
+from planner.terminal import Progress, print_plan, screen
 
 ROOT = Path(__file__).resolve().parents[1]
 TRANSPORT = ROOT / "urdf" / "human_arms" / "transport.toml"
@@ -130,6 +132,18 @@ def test_plan_without_places_writes_nothing(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("plan", TRANSPORT, "--quiet") == (0, "", "")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_motion_that_cannot_do_without_feedback_is_warned_of(capsys):
+    plan = planned()
+    words = "the motion is unstable without feedback"
+    found = {"replay": words, "replay_window": 3e-9, "replay_growth": 11.3}
+    print_plan(screen(), replace(plan, checks=plan.checks | found))
+    out = capsys.readouterr().out
+    assert f"warning: {words}" in out
+    rows = [line.split() for line in out.splitlines() if "replay error" in line]
+    assert ["replay", "error,", "windows", "3.0e-09", "m"] in rows
+    assert ["replay", "error,", "growth", "1.1e+01", "1/s"] in rows
 
 
 def test_notes_and_warnings(run):

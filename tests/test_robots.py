@@ -96,3 +96,31 @@ def test_the_reference_case_costs_what_an_independent_solution_costs() -> None:
     found = plan(load(URDF / "two_pandas" / "lift.toml")).unwrap()
     assert found.cost == pytest.approx(REFERENCE, rel=1e-5)
     assert found.checks["spectral_cost"] == pytest.approx(REFERENCE, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pair", "axis"),
+    [
+        ("revolute", (0.0, 1.0, 0.0)),
+        ("cylindrical", (0.0, 1.0, 0.0)),
+        ("prismatic", (0.0, 1.0, 0.0)),
+        ("planar", (1.0, 0.0, 0.0)),
+    ],
+)
+def test_hands_that_may_move_on_the_object_carry_it_where_planned(
+    pair: str, axis: tuple[float, ...]
+) -> None:
+    values = {"grasp.pair": pair, "grasp.axis": list(axis)}
+    found = plan(load(URDF / "two_pandas" / "lift.toml", values)).unwrap()
+    assert found.checks["replay_max"] < 1e-6
+    assert found.cost < 1.1 * REFERENCE
+
+
+@pytest.mark.slow
+def test_a_slow_lift_cannot_do_without_feedback() -> None:
+    found = plan(load(URDF / "talos" / "bar.toml", {"task.duration": 2.0})).unwrap()
+    assert found.checks["torque_balance"] < 1e-9
+    assert found.checks["replay_window"] < 1e-7
+    assert found.checks["replay_growth"] == pytest.approx(11.4, abs=0.3)  # whatever the duration
+    assert "unstable without feedback" in found.checks["replay"]
