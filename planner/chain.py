@@ -13,7 +13,7 @@ from planner.body import Body
 from planner.closure import Loop
 from planner.equation_of_motion import EquationOfMotion, Placements
 from planner.pairs import Pair, across
-from planner.vectors import cross, matvec, rotation_log, transpose
+from planner.vectors import cross, matvec, transpose
 
 CLOSURE_TOLERANCE = 1e-12
 _MAX_NEWTON_STEPS = 30
@@ -95,6 +95,11 @@ class ClosedChain:
         """Returns a per-joint attribute of the arms for all joints, (N,)."""
         return np.concatenate([getattr(arm, attribute) for arm in self.arms])
 
+    @cached_property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper limits of all joints, each (N,) [rad]."""
+        return self.both("lower"), self.both("upper")
+
     # ---- kinematics --------------------------------------------------------------------------
 
     def object_pose(self, at: Placements) -> tuple[np.ndarray, np.ndarray]:
@@ -116,33 +121,11 @@ class ClosedChain:
         grasp = self.grasp_in_object
         return position + rotation @ grasp.translation, rotation @ grasp.rotation
 
-    def offset(self, at: Placements) -> np.ndarray:
-        """Returns the right hand's offset (position; rotation) from its grasp, (K, 6) [m, rad].
-
-        Components are those of the grasp frame. Of the rotation, what the pair leaves free is
-        left out.
-        """
-        wanted, frame = self.grasp_pose(at)
-        position, rotation = self.right_tip(at)
-        result = np.zeros((len(position), 6))
-        result[:, :3] = matvec(transpose(frame), position - wanted)
-        relative = transpose(frame) @ rotation
-        if self.pair.rotation == "blocked":
-            result[:, 3:] = rotation_log(relative)
-        elif self.pair.rotation == "axis":
-            turned = relative @ self.pair.axis
-            result[:, 3:] = cross(self.pair.axis, turned)
-            # beyond a right angle the cross product falls again: keep the sense of the way back
-            result[:, 3:] /= np.maximum(np.linalg.norm(result[:, 3:], axis=1), 1e-300)[:, None]
-            angle = np.arctan2(
-                np.linalg.norm(cross(self.pair.axis, turned), axis=1), turned @ self.pair.axis
-            )
-            result[:, 3:] *= angle[:, None]
-        return result
-
     def gap(self, at: Placements) -> np.ndarray:
         """Returns the closure g(q) (eq. 1), zero where both hands hold the object, (K, m)."""
-        return self.offset(at) @ self.pair.blocked.T
+        wanted, frame = self.grasp_pose(at)
+        position, rotation = self.right_tip(at)
+        return self.pair.gap(frame, position - wanted, rotation)
 
     def loop(self, at: Placements) -> Loop:
         """Returns the twist columns of the loop from the left hand to the right."""

@@ -13,7 +13,8 @@ from planner.constrained_dynamics import Joints
 from planner.errors import ScenarioError
 from planner.holding import Preload, refuse_untransmitted
 from planner.independent_joints import choose_joints
-from planner.inverse_kinematics import ObjectPose, find_posture, follow_poses
+from planner.inverse_kinematics import find_posture, follow_poses
+from planner.posture_equations import ObjectPose
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
