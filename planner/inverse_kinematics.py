@@ -10,6 +10,7 @@ from planner.posture_search import closed_within_limits, newton, newton_step
 from planner.reach import unreachable
 
 _ROUNDS = (16, 32, 64)  # random postures that the search starts from, round after round
+_Rank = tuple[bool, float, np.ndarray]  # on the other side? how far from the reference? posture
 _DRAWN = 5  # closed postures that are moved on to the reference, the nearest ones
 
 
@@ -42,7 +43,7 @@ def find_posture(
     """
     lower, upper = chain.limits
     first = [np.clip(seed, lower, upper) for seed in (*(seeds or ()), reference)]
-    best: tuple[bool, float, np.ndarray] | None = None
+    best: _Rank | None = None
     for seed in first:
         q = newton(chain, pose, seed, reference)
         if q is not None:
@@ -54,24 +55,31 @@ def find_posture(
     low, high = np.maximum(lower, reference - np.pi), np.minimum(upper, reference + np.pi)
     generator = np.random.default_rng(random_seed)
     starts = np.array(first)
-    for more in (*_ROUNDS, 0):
-        found = closed_within_limits(chain, pose, starts)
+    for more in _ROUNDS:
+        starts = np.concatenate([starts, generator.uniform(low, high, (more, chain.n))])
+        found = _unwound(chain, closed_within_limits(chain, pose, starts), reference)
         for q in _drawn(chain, pose, found, reference):
             rank = branch(chain, q) != wanted, float(np.linalg.norm(q - reference)), q
             best = _better(best, rank)
         if best is not None and not best[0]:
             break
-        starts = generator.uniform(low, high, (more, chain.n))
+        starts = starts[:0]
     if best is None:
         raise unreachable(chain, pose, reference, key)
     return best[2]
 
 
-Rank = tuple[bool, float, np.ndarray]
-
-
-def _better(one: Rank | None, other: Rank) -> Rank:
+def _better(one: _Rank | None, other: _Rank) -> _Rank:
     return other if one is None or other[:2] < one[:2] else one
+
+
+def _unwound(chain: ClosedChain, found: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Returns the same postures without whole turns away from the reference, (K, N)."""
+    axes = chain.dynamics.placements(reference[None]).columns[0, 3:]
+    turns = np.round((found - reference) / (2.0 * np.pi)) * np.any(axes != 0.0, axis=0)
+    back = found - 2.0 * np.pi * turns
+    lower, upper = chain.limits
+    return np.where((back >= lower) & (back <= upper), back, found)
 
 
 def _drawn(
