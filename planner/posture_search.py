@@ -70,7 +70,7 @@ def newton(
         if solved and largest < _AT_REST:
             break
         q = q + step * min(1.0, _LONGEST_STEP / max(largest, 1e-300))
-    within = np.all(q >= lower - 1e-9) and np.all(q <= upper + 1e-9)
+    within = bool(((q >= lower - 1e-9) & (q <= upper + 1e-9)).all())
     return q if solved and within and now.off_plane[0] < _OFF_PLANE else None
 
 

@@ -48,4 +48,4 @@ def matvec(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 def transpose(matrix: np.ndarray) -> np.ndarray:
     """Returns the transposes of a batch of matrices, as a view."""
-    return np.swapaxes(matrix, -1, -2)
+    return matrix.mT
