@@ -19,8 +19,7 @@ _OFF_PLANE = 1e-9  # m
 _NEWTON_STEPS = 60
 _LONGEST_STEP = 0.5  # rad or m
 _DAMPED_STEPS = 150
-_CLIP_STEPS = 20
-_HALVINGS = 8
+_CLIP_STEPS = 40
 _SOFT = 1e-3
 
 
@@ -60,7 +59,7 @@ def newton(
             break
         matrix = jacobian(chain, now, orientation=turned)[0]
         if redundant:
-            nearest, multiplier = _nearest(
+            nearest, multiplier = nearest_within_limits(
                 matrix, matrix @ q - error, reference, limits, multiplier
             )
             step = nearest - q
@@ -74,7 +73,7 @@ def newton(
     return q if solved and within and now.off_plane[0] < _OFF_PLANE else None
 
 
-def _nearest(
+def nearest_within_limits(
     matrix: np.ndarray,
     right: np.ndarray,
     reference: np.ndarray,
@@ -104,8 +103,8 @@ def _clipped(
     """Returns x = reference + matrix' nu, clipped at the limits, with matrix @ x + soft nu = right.
 
     Newton's method on the multiplier nu, which comes second, None if it was not found; joints at
-    their limits do not count. Solving again for what is left over makes up for the squared
-    condition number.
+    their limits do not count, and where too few are left the step is damped. Solving again for what
+    is left over makes up for the squared condition number.
     """
     lower, upper = limits
 
@@ -116,7 +115,8 @@ def _clipped(
         dual = float(0.5 * away @ away + nu @ left - 0.5 * soft * nu @ nu)
         return open_, x, left - soft * nu, dual
 
-    ridge = soft + 1e-12 * float((matrix * matrix).sum())
+    whole = float((matrix * matrix).sum())
+    ridge = least = soft + 1e-12 * whole  # larger after a step that made the dual fall
     open_, x, left, gain = at(nu)
     for _ in range(_CLIP_STEPS):
         size = np.abs(left).max()
@@ -125,14 +125,14 @@ def _clipped(
         moving = matrix * ((open_ >= lower) & (open_ <= upper))
         square = moving @ matrix.T
         square.flat[:: len(square) + 1] += ridge
-        step = np.linalg.solve(square, left)
-        for _ in range(_HALVINGS):
-            open_, x, left, new = at(nu + step)
-            # the dual rises; towards round-off only what is left over tells
-            if new > gain or np.abs(left).max() < 0.5 * size:
-                break
-            step *= 0.3
-        nu, gain = nu + step, new
+        trial = nu + np.linalg.solve(square, left)
+        new = at(trial)
+        # the dual rises; towards round-off only what is left over tells
+        if new[3] > gain or np.abs(new[2]).max() < 0.5 * size:
+            nu, (open_, x, left, gain) = trial, new
+            ridge = max(0.1 * ridge, least)
+        else:
+            ridge = min(max(10.0 * ridge, 1e-4 * whole), whole)
     return x, None
 
 
