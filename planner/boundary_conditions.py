@@ -25,7 +25,7 @@ from planner.constrained_dynamics import Tangent, linearize, tangent
 from planner.criteria.base import Criterion
 from planner.holding import preload_torque, static_torque
 from planner.independent_joints import Coordinates
-from planner.inverse_kinematics import pose_error
+from planner.posture_equations import pose_error
 from planner.transport import End, Transport
 from planner.vectors import matvec, transpose
 

@@ -13,7 +13,7 @@ from planner.body import Body
 from planner.closure import Loop, LoopOrder
 from planner.equation_of_motion import EquationOfMotion, Placements
 from planner.pairs import Pair, across
-from planner.vectors import cross, matvec, rotation_log, transpose, wrap, wrapped_cross
+from planner.vectors import cross, matvec, transpose, wrap, wrapped_cross
 
 CLOSURE_TOLERANCE = 1e-12
 _MAX_NEWTON_STEPS = 30
@@ -95,6 +95,11 @@ class ClosedChain:
         """Returns a per-joint attribute of the arms for all joints, (N,)."""
         return np.concatenate([getattr(arm, attribute) for arm in self.arms])
 
+    @cached_property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper limits of all joints, each (N,) [rad]."""
+        return self.both("lower"), self.both("upper")
+
     # ---- kinematics --------------------------------------------------------------------------
 
     def object_pose(self, at: Placements) -> tuple[np.ndarray, np.ndarray]:
@@ -125,37 +130,13 @@ class ClosedChain:
         frame: np.ndarray = at.left_rotation @ self._grasp_in_left.rotation
         return frame
 
-    def offset(self, at: Placements) -> np.ndarray:
-        """Returns the right hand's offset (position; rotation) from its grasp, (K, 6) [m, rad].
-
-        Components are those of the grasp frame. Of the rotation, what the pair leaves free is
-        left out.
-        """
-        wanted, tip = self._grasp_in_left, self.right.tip_placement
-        frame = self._grasp_frame(at)
-        from_left = at.right_translation - at.left_translation + at.right_rotation @ tip.translation
-        result = np.zeros((len(frame), 6))
-        result[:, :3] = (from_left[:, None, :] @ frame)[:, 0]
-        result[:, :3] -= wanted.translation @ wanted.rotation
-        if self.pair.rotation == "free":
-            return result
-        relative = transpose(frame) @ (at.right_rotation @ tip.rotation)
-        if self.pair.rotation == "blocked":
-            result[:, 3:] = rotation_log(relative)
-            return result
-        turned = relative @ self.pair.axis
-        result[:, 3:] = cross(self.pair.axis, turned)
-        # beyond a right angle the cross product falls again: keep the sense of the way back
-        result[:, 3:] /= np.maximum(np.linalg.norm(result[:, 3:], axis=1), 1e-300)[:, None]
-        angle = np.arctan2(
-            np.linalg.norm(cross(self.pair.axis, turned), axis=1), turned @ self.pair.axis
-        )
-        result[:, 3:] *= angle[:, None]
-        return result
-
     def gap(self, at: Placements) -> np.ndarray:
         """Returns the closure g(q) (eq. 1), zero where both hands hold the object, (K, m)."""
-        return self.offset(at) @ self.pair.blocked.T
+        grasp, tip = self._grasp_in_left, self.right.tip_placement
+        apart = at.right_translation - at.left_translation
+        apart += at.right_rotation @ tip.translation
+        apart -= at.left_rotation @ grasp.translation
+        return self.pair.gap(self._grasp_frame(at), apart, at.right_rotation @ tip.rotation)
 
     @cached_property
     def _order(self) -> LoopOrder:

@@ -18,7 +18,8 @@ from planner.chain import ClosedChain
 from planner.conditioning import NEAR_SINGULAR, SINGULAR, arm_conditions, closure_condition
 from planner.criteria import joint_weights
 from planner.errors import InputError, ScenarioError, UnreachableError
-from planner.inverse_kinematics import ObjectPose, find_posture
+from planner.inverse_kinematics import find_posture
+from planner.posture_equations import ObjectPose
 from planner.remarks import scenario_remarks
 from planner.transport import Transport, make_transport, reference_posture
 from planner.urdf_review import Review, review_urdf

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 
 import numpy as np
-import scipy.linalg
 from scipy.interpolate import CubicSpline
+from scipy.linalg.lapack import dgeqp3
 
 from planner.chain import CLOSURE_TOLERANCE, ClosedChain
 from planner.constrained_dynamics import Joints, Tangent, tangent
@@ -26,17 +26,18 @@ def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
         path: Closed postures, (K, N) [rad].
     """
     gamma = chain.loop(chain.dynamics.placements(path)).jacobian()
-    proposals: dict[tuple[int, ...], float] = {}
-    for jacobian in gamma[:: max(1, len(gamma) // _PROPOSALS)]:
-        pivots = scipy.linalg.qr(jacobian, mode="r", pivoting=True)[1]
-        dependent = tuple(sorted(int(pivot) for pivot in pivots[: chain.m]))
-        if dependent not in proposals:
+    proposals = {
+        tuple(sorted((dgeqp3(jacobian)[1][: chain.m] - 1).tolist())): 0.0
+        for jacobian in gamma[:: max(1, len(gamma) // _PROPOSALS)]
+    }
+    if len(proposals) > 1:
+        for dependent in proposals:
             values = np.linalg.svd(gamma[:, :, dependent], compute_uv=False)
             # relative to the whole Jacobian's size, so that wholly singular choices rank last
             proposals[dependent] = float(np.min(values[:, -1]))
     best = max(proposals, key=lambda choice: proposals[choice])
-    dependent_joints = np.array(best, dtype=int)
-    return Joints(np.setdiff1d(np.arange(chain.n), dependent_joints), dependent_joints)
+    independent = [joint for joint in range(chain.n) if joint not in best]
+    return Joints(np.array(independent, dtype=int), np.array(best, dtype=int))
 
 
 class Coordinates:
@@ -52,6 +53,8 @@ class Coordinates:
         share: Shares of the duration at which the last known motion is kept, (K,).
         path: Its closed postures, (K, N) [rad].
     """
+
+    _spline: CubicSpline | None
 
     def __init__(
         self, chain: ClosedChain, joints: Joints, share: np.ndarray, path: np.ndarray
@@ -90,4 +93,4 @@ class Coordinates:
     def remember(self, share: np.ndarray, q: np.ndarray) -> None:
         """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near."""
         self.share, self.path = share, q
-        self._spline: CubicSpline | None = None
+        self._spline = None

@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from planner.vectors import cross, rotation_log, transpose
+
 PairName = Literal["revolute", "spherical", "cylindrical", "prismatic", "planar", "rigid"]
 Rotation = Literal["free", "axis", "blocked"]
 
@@ -42,6 +44,30 @@ class Pair:
     def m(self) -> int:
         """Number of closure rows, m = c - k."""
         return len(self.blocked)
+
+    def gap(self, frame: np.ndarray, apart: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Returns how far the right hand is from its grasp in the blocked motions, (K, m) [m, rad].
+
+        Args:
+            frame: Rotation of the grasp on the object, (K, 3, 3).
+            apart: Position of the hand less that of the grasp, (K, 3) [m].
+            rotation: Rotation of the hand, (K, 3, 3).
+        """
+        away = (apart[:, None, :] @ frame)[:, 0]
+        result: np.ndarray = away @ self.blocked[:, :3].T
+        if self.rotation == "free":
+            return result
+        relative = transpose(frame) @ rotation
+        if self.rotation == "blocked":
+            turn = rotation_log(relative)
+        else:
+            turned = relative @ self.axis
+            tilt = cross(self.axis, turned)
+            sine = np.sqrt((tilt * tilt).sum(axis=1))
+            # beyond a right angle the cross product falls again: keep the sense of the way back
+            angle = np.arctan2(sine, turned @ self.axis)
+            turn = tilt * (angle / np.maximum(sine, 1e-300))[:, None]
+        return result + turn @ self.blocked[:, 3:].T
 
 
 def across(axis: np.ndarray) -> np.ndarray:

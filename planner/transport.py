@@ -13,13 +13,17 @@ from planner.constrained_dynamics import Joints
 from planner.errors import ScenarioError
 from planner.holding import Preload, refuse_untransmitted
 from planner.independent_joints import choose_joints
-from planner.inverse_kinematics import ObjectPose, find_posture, follow_poses
+from planner.inverse_kinematics import find_posture, follow_poses
+from planner.posture_equations import ObjectPose
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
 
 TorqueRule = Literal["given", "free", "static", "rest", "preload"]
 SAMPLES = 25
+_QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+# from coefficients of a polynomial of fifth degree to those of its derivatives of order 0 to 3
+_RATES = np.array([np.linalg.matrix_power(np.diag(np.arange(1.0, 6.0), 1), k) for k in range(4)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,31 +173,31 @@ def straight_motion(start: End, goal: End, share: np.ndarray, duration: float) -
 
     It is a straight line if the velocities are zero. The orientation turns about a fixed axis.
     """
-    x0, x1 = start.pose.position, goal.pose.position
-    v0, v1, way = start.velocity * duration, goal.velocity * duration, x1 - x0
-    path = np.polynomial.Polynomial
-    derivatives = np.empty((4, len(share), 3))
-    for axis in range(3):
-        d, v, w = way[axis], v0[axis], v1[axis]
-        cubic = 10.0 * d - 6.0 * v - 4.0 * w
-        quartic = -15.0 * d + 8.0 * v + 7.0 * w
-        quintic_ = 6.0 * d - 3.0 * v - 3.0 * w
-        curve = path([x0[axis], v, 0.0, cubic, quartic, quintic_])
-        for order in range(4):
-            derivatives[order, :, axis] = curve(share) / duration**order
-            curve = curve.deriv()
-    twist, acceleration = np.zeros((len(share), 6)), np.zeros((len(share), 6))
-    twist[:, :3], acceleration[:, :3] = derivatives[1], derivatives[2]
+    way = goal.pose.position - start.pose.position
+    first, last = start.velocity * duration, goal.velocity * duration
+    coefficients = np.array(
+        [
+            start.pose.position,
+            first,
+            np.zeros(3),
+            10.0 * way - 6.0 * first - 4.0 * last,
+            -15.0 * way + 8.0 * first + 7.0 * last,
+            6.0 * way - 3.0 * first - 3.0 * last,
+        ]
+    )
+    powers = share[:, None] ** np.arange(6.0)
+    rates = _RATES / duration ** np.arange(4.0)[:, None, None]
+    position, velocity, acceleration, jerk = powers @ (rates @ coefficients)
+    twist, twist_rate = np.zeros((2, len(share), 6))
+    twist[:, :3], twist_rate[:, :3] = velocity, acceleration
     rotation = None
-    first, last = start.pose.rotation, goal.pose.rotation
-    if first is not None and last is not None:
-        turn = pin.log3(first.T @ last)
-        rotation = np.array([first @ pin.exp3(turn * part) for part in quintic(share)])
-        profile = path([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
-        for order, target in ((1, twist), (2, acceleration)):
-            pace = profile.deriv(order)(share) / duration**order
-            target[:, 3:] = (first @ turn) * pace[:, None]
-    return StraightMotion(derivatives[0], rotation, twist, acceleration, derivatives[3])
+    before, after = start.pose.rotation, goal.pose.rotation
+    if before is not None and after is not None:
+        turn = pin.log3(before.T @ after)
+        rotation = before @ np.array([pin.exp3(turn * part) for part in quintic(share)])
+        pace = powers @ (rates[1:3] @ _QUINTIC[:, None])
+        twist[:, 3:], twist_rate[:, 3:] = pace * (before @ turn)
+    return StraightMotion(position, rotation, twist, twist_rate, jerk)
 
 
 def straight_line(

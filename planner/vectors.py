@@ -43,10 +43,23 @@ def wrapped_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def rotation_log(rotation: np.ndarray) -> np.ndarray:
     """Returns the rotation vectors of rotation matrices, (..., 3, 3) to (..., 3) [rad]."""
-    from scipy.spatial.transform import Rotation
+    sine = np.empty(rotation.shape[:-1])
+    sine[..., 0] = rotation[..., 2, 1] - rotation[..., 1, 2]
+    sine[..., 1] = rotation[..., 0, 2] - rotation[..., 2, 0]
+    sine[..., 2] = rotation[..., 1, 0] - rotation[..., 0, 1]
+    cosine = rotation[..., 0, 0] + rotation[..., 1, 1] + rotation[..., 2, 2] - 1.0
+    if np.any(cosine < -1.0):
+        # towards a half turn the axis is lost in the difference of the off-diagonal entries
+        from scipy.spatial.transform import Rotation
 
-    shape = rotation.shape[:-2]
-    return Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(*shape, 3)
+        turns = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+        return turns.reshape(rotation.shape[:-1])
+    size = np.sqrt((sine * sine).sum(axis=-1))
+    angle = np.arctan2(size, cosine)
+    # both hold twice the sine: their quotient is 1/2 for no turn at all
+    factor = np.where(size > 1e-9, angle / np.maximum(size, 1e-300), 0.5)
+    result: np.ndarray = sine * factor[..., None]
+    return result
 
 
 def matvec(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -56,4 +69,4 @@ def matvec(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 def transpose(matrix: np.ndarray) -> np.ndarray:
     """Returns the transposes of a batch of matrices, as a view."""
-    return np.swapaxes(matrix, -1, -2)
+    return matrix.mT

@@ -15,7 +15,8 @@ from planner.criteria import Criterion, make_criterion
 from planner.errors import ScenarioError
 from planner.holding import preload_torque, static_torque
 from planner.independent_joints import Coordinates
-from planner.inverse_kinematics import ObjectPose, find_posture
+from planner.inverse_kinematics import find_posture
+from planner.posture_equations import ObjectPose
 from planner.scenario import Scenario
 from planner.transport import Transport, make_transport
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from mechanisms import Mechanism, differences, mirrored, random_states
 
 from planner.independent_joints import Coordinates, choose_joints
-from planner.inverse_kinematics import ObjectPose, find_posture
+from planner.inverse_kinematics import find_posture
+from planner.posture_equations import ObjectPose
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -17,12 +17,11 @@ from planner.assembly import build_chain
 from planner.chain import ClosedChain
 from planner.errors import UnreachableError
 from planner.inverse_kinematics import (
-    ObjectPose,
     branch,
     find_posture,
     follow_poses,
-    pose_error,
 )
+from planner.posture_equations import ObjectPose, pose_error
 
 REACH = 0.27 + 0.33
 BASES = {"left": np.array([0.0, 0.0]), "right": np.array([0.45, 0.0])}

@@ -11,7 +11,7 @@ import pytest
 from planner import load, plan
 from planner.assembly import build_chain
 from planner.body import read_object
-from planner.inverse_kinematics import pose_error
+from planner.posture_equations import pose_error
 from planner.transport import make_transport
 
 URDF = Path(__file__).parents[1] / "urdf"

@@ -21,7 +21,8 @@ from planner.constrained_dynamics import (
     tangent,
 )
 from planner.forces import object_twist
-from planner.inverse_kinematics import follow_poses, pose_error
+from planner.inverse_kinematics import follow_poses
+from planner.posture_equations import pose_error
 from planner.transport import StraightMotion, Transport, straight_motion
 from planner.vectors import matvec
 

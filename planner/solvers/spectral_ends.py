@@ -16,7 +16,7 @@ from planner.boundary_conditions import EndConditions
 from planner.constrained_dynamics import Motion, Tangent, accelerate, inertial, tangent
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
-from planner.inverse_kinematics import pose_error
+from planner.posture_equations import pose_error
 from planner.transport import Transport
 from planner.vectors import matvec
 
