@@ -43,10 +43,38 @@ def gauss_nodes(count: int) -> Nodes:
     )
 
 
+@lru_cache(maxsize=64)
+def _derivative_coefficients(degree: int, order: int) -> np.ndarray:
+    """Returns derivatives in u of Legendre's polynomials as sums of them, columns."""
+    result: np.ndarray = 2.0**order * legendre.legder(np.eye(degree + 1), order, axis=0)
+    return result
+
+
+def legendre_values(u: np.ndarray, degree: int, order: int = 0) -> np.ndarray:
+    """Returns derivatives in u of Legendre's polynomials on [0, 1], (K, degree + 1)."""
+    points = 2.0 * u - 1.0
+    if not order:
+        return legendre.legvander(points, degree)
+    columns = _derivative_coefficients(degree, order)
+    result: np.ndarray = legendre.legvander(points, len(columns) - 1) @ columns
+    return result
+
+
+@lru_cache(maxsize=64)
+def legendre_at_nodes(count: int, degree: int, order: int) -> np.ndarray:
+    """Returns `legendre_values` at the `count` Gauss nodes."""
+    return legendre_values(gauss_nodes(count).u, degree, order)
+
+
+@lru_cache(maxsize=64)
+def legendre_on_grid(count: int, degree: int, order: int) -> np.ndarray:
+    """Returns `legendre_values` at `count` evenly spaced points from 0 to 1."""
+    return legendre_values(np.linspace(0.0, 1.0, count), degree, order)
+
+
 def _slopes(points: np.ndarray, degree: int, order: int) -> np.ndarray:
     """Returns derivatives in u of Legendre's polynomials at points of [-1, 1], (K, degree + 1)."""
-    columns = legendre.legder(np.eye(degree + 1), order, axis=0) if order else np.eye(degree + 1)
-    return 2.0**order * legendre.legval(points, columns).T
+    return legendre_values(0.5 * (points + 1.0), degree, order)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planner.solvers.basis import legendre_values
+
 
 @dataclass(frozen=True, eq=False)
 class Curves:
@@ -29,7 +31,4 @@ class Curves:
 
 
 def _evaluate(coefficients: np.ndarray, share: np.ndarray, order: int) -> np.ndarray:
-    if order:
-        coefficients = 2.0**order * np.polynomial.legendre.legder(coefficients, order, axis=0)
-    values: np.ndarray = np.polynomial.legendre.legval(2.0 * share - 1.0, coefficients).T
-    return values
+    return legendre_values(np.asarray(share), len(coefficients) - 1, order) @ coefficients

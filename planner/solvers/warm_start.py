@@ -6,21 +6,30 @@ dn3/dt = -B'n2 - V tau, then n1 = -dn2/dt - S' dH/dv.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from planner.boundary_value_problem import BoundaryValueProblem, Guess
 from planner.constrained_dynamics import Motion, linearize
 from planner.costates import hamiltonian_gradient
 from planner.solution import Solution
+from planner.solvers.basis import (
+    legendre_analysis,
+    legendre_at_nodes,
+    legendre_on_grid,
+    legendre_values,
+)
 from planner.solvers.inverse_torques import inverse_torques
 from planner.solvers.spectral import SpectralResult
 from planner.vectors import transpose
 
-_LOBATTO = np.array([-np.sqrt(3.0 / 7.0), 0.0, np.sqrt(3.0 / 7.0)])
+_GRID = 201  # samples of the curves on which the mesh is made
 _FEWEST, _MOST = 12, 1500
+# rms of (1 - 2s) s (1 - s) / 12 with the weights of a Lobatto rule: slope error of a cubic through
+# exact ends per fourth derivative and cubed interval
+_CUBIC = np.sqrt(49.0 / 90.0) * np.sqrt(3.0 / 7.0) / 84.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,130 +44,81 @@ class States:
 
     def __call__(self, share: np.ndarray, order: int = 0) -> np.ndarray:
         """Returns states and costates, or their derivatives in the share, (K, 2 * state_size)."""
-        c = self.coefficients
-        if order:
-            c = 2.0**order * np.polynomial.legendre.legder(c, order, axis=0)
-        values: np.ndarray = np.polynomial.legendre.legval(2.0 * np.asarray(share) - 1.0, c).T
-        return values
+        return legendre_values(np.asarray(share), len(self.coefficients) - 1, order) @ (
+            self.coefficients
+        )
 
 
 def spectral_states(problem: BoundaryValueProblem, result: SpectralResult) -> States:
     """Returns states and costates of a spectral result as polynomials."""
     criterion, transport = problem.criterion, problem.transport
     spectral, point = result.problem, result.point
-    nodes, degree = spectral.nodes, spectral.degree
-    at = point.torques.tangent
-    fit, _ = _fit(nodes.u, nodes.weights, degree, degree)
+    degree, count = spectral.degree, len(spectral.nodes.u)
     # what follows from a derivative is known less well: a lower degree fits it
-    rough, slope = _fit(nodes.u, nodes.weights, degree - 3, degree)
-    x = np.zeros((len(nodes.u), 2 * criterion.state_size))
-    x[:, criterion.at_y] = at.q[:, transport.joints.independent]
-    x[:, criterion.at_rate] = point.rate
+    rough = degree - 3
+    coefficients = np.zeros((degree + 1, 2 * criterion.state_size))
+    fit = legendre_analysis(count, degree)
+    coefficients[:, criterion.at_y] = fit @ point.torques.tangent.q[:, transport.joints.independent]
+    coefficients[:, criterion.at_rate] = fit @ point.rate
     mu = -criterion.torque_weights * point.torques.tau
     if criterion.torque_is_state:
-        x[:, criterion.at_tau] = point.torques.tau
-        n3 = -criterion.rate_weights * point.slope
-        x[:, criterion.at_n3] = n3
-        mu = mu - (slope @ n3) / transport.duration
-    coefficients = fit @ x
-    coefficients[:, criterion.at_n3] = rough @ x[:, criterion.at_n3]
-    n1, n2 = _adjoint(problem, result, mu)
-    coefficients[: len(n1), criterion.at_n1] = n1
-    coefficients[: len(n2), criterion.at_n2] = n2
+        coefficients[:, criterion.at_tau] = fit @ point.torques.tau
+        n3 = legendre_analysis(count, rough) @ (-criterion.rate_weights * point.slope)
+        coefficients[: rough + 1, criterion.at_n3] = n3
+        mu = mu - legendre_at_nodes(count, rough, 1) @ n3 / transport.duration
+    n1, n2 = _adjoint(problem, result, mu, rough)
+    coefficients[: rough + 1, criterion.at_n1] = n1
+    coefficients[: rough + 1, criterion.at_n2] = n2
     return States(coefficients)
 
 
 def _adjoint(
-    problem: BoundaryValueProblem, result: SpectralResult, mu: np.ndarray
+    problem: BoundaryValueProblem, result: SpectralResult, mu: np.ndarray, degree: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns Legendre coefficients of n1 and n2, (., p) each.
+    """Returns Legendre coefficients of n1 and n2, (degree + 1, p) each.
 
     They solve the adjoint equations, linear in them along a known motion, and B'n2 = mu, as a
     least-squares problem at the nodes: better than differentiating mu twice.
     """
     criterion, transport = problem.criterion, problem.transport
     nodes, torques, duration = result.problem.nodes, result.point.torques, transport.duration
-    at, p = torques.tangent, criterion.p
-    inertia = torques.load[:, 2]
-    reduced = np.linalg.inv(transpose(at.s) @ inertia @ at.s)
-    motion = Motion(at, torques.v, inertia, reduced, torques.a, result.point.multiplier)
+    at, p, count = torques.tangent, criterion.p, len(nodes.u)
+    reduced = np.linalg.inv(transpose(at.s) @ torques.load[:, 2] @ at.s)
+    motion = Motion(at, torques.v, torques.load[:, 2], reduced, torques.a, torques.multiplier)
     linear = linearize(motion, torques.derivatives)
-    none = np.zeros((len(mu), p))
-    source = hamiltonian_gradient(motion, torques.derivatives, none, criterion.state_cost)
-    degree = result.problem.degree - 3
-    points = 2.0 * nodes.u - 1.0
-    values = np.polynomial.legendre.legvander(points, degree)
-    slopes = np.polynomial.legendre.legval(
-        points, 2.0 * np.polynomial.legendre.legder(np.eye(degree + 1), 1, axis=0)
-    ).T
-    count, size = values.shape
-    root = np.sqrt(nodes.weights)
+    source = hamiltonian_gradient(
+        motion, torques.derivatives, np.zeros((count, p)), criterion.state_cost
+    )
+    values = legendre_at_nodes(count, degree, 0)[:, None, None]
+    slopes = legendre_at_nodes(count, degree, 1)[:, None, None]
     # unknowns and equations are measured as in the scaled boundary value problem
     unit1, unit2 = problem.scale[criterion.at_n1], problem.scale[criterion.at_n2]
-    unit3 = problem.scale[criterion.state_size :].max()
-    unit3 = (
-        problem.scale[criterion.at_n3] if criterion.torque_is_state else np.full(mu.shape[1], unit3)
-    )
-
-    def spread(basis: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-        """Returns rows (K, i, size, p) of matrix (K, i, p) times a curve on the basis."""
-        return basis[:, None, :, None] * matrix[:, :, None, :]
-
-    identity = np.broadcast_to(np.eye(p), (count, p, p))
-    blocks = []
-    for left, middle, right, unit in (
-        (
-            spread(slopes, identity) * unit1,
-            spread(values, transpose(linear.along_y)) * (unit2 * duration),
-            -source.along_y * duration,
-            unit1,
-        ),
-        (
-            spread(values, identity) * (unit1 * duration),
-            spread(slopes, identity) * unit2
-            + spread(values, transpose(linear.along_rate)) * (unit2 * duration),
-            -source.along_rate * duration,
-            unit2,
-        ),
-        (
-            np.zeros((count, mu.shape[1], size, p)),
-            spread(values, transpose(linear.along_torque)) * (unit2 * duration),
-            mu * duration,
-            unit3,
-        ),
-    ):
-        rows = np.concatenate(
-            [part.reshape(count, part.shape[1], -1) for part in (left, middle)], axis=2
-        )
-        weight = root[:, None] / unit
-        blocks.append(
-            ((rows * weight[..., None]).reshape(-1, 2 * size * p), (right * weight).ravel())
-        )
-    matrix = np.vstack([rows for rows, _ in blocks])
-    target = np.concatenate([right for _, right in blocks])
-    found = np.linalg.lstsq(matrix, target, rcond=1e-12)[0].reshape(2, size, p)
-    return found[0] * unit1, found[1] * unit2
-
-
-def _fit(
-    u: np.ndarray, weights: np.ndarray, degree: int, rows: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the fit of Legendre coefficients to values at the nodes, and the fit's slope there.
-
-    The fit has the given degree, its coefficients are filled up with zeros to `rows` + 1.
-    """
-    points = 2.0 * u - 1.0
-    vandermonde = np.polynomial.legendre.legvander(points, degree)
-    fit = np.zeros((rows + 1, len(u)))
-    fit[: degree + 1] = (vandermonde * weights[:, None] * (2.0 * np.arange(degree + 1) + 1.0)).T
-    slopes = np.polynomial.legendre.legval(
-        points, 2.0 * np.polynomial.legendre.legder(np.eye(rows + 1), 1, axis=0)
-    ).T
-    return fit, slopes @ fit
+    unit3 = np.full(mu.shape[1], problem.scale[criterion.state_size :].max())
+    if criterion.torque_is_state:
+        unit3 = problem.scale[criterion.at_n3]
+    along = np.concatenate([linear.along_y, linear.along_rate, linear.along_torque], axis=2)
+    matrix = np.zeros((count, along.shape[2], 2, p, degree + 1))
+    joint = np.arange(p)
+    matrix[:, joint, 0, joint] = (slopes * unit1[:, None])[:, 0]
+    matrix[:, p + joint, 0, joint] = (values * (duration * unit1)[:, None])[:, 0]
+    matrix[:, :, 1] = (transpose(along) * (duration * unit2))[..., None] * values
+    matrix[:, p + joint, 1, joint] += (slopes * unit2[:, None])[:, 0]
+    right = np.concatenate([-source.along_y, -source.along_rate, mu], axis=1) * duration
+    weight = np.sqrt(nodes.weights)[:, None] / np.concatenate([unit1, unit2, unit3])
+    matrix *= weight[..., None, None, None]
+    found = scipy.linalg.lstsq(
+        matrix.reshape(right.size, -1),
+        (right * weight).ravel(),
+        cond=1e-12,
+        lapack_driver="gelsy",
+        overwrite_a=True,
+        check_finite=False,
+    )[0].reshape(2, p, degree + 1)
+    return found[0].T * unit1, found[1].T * unit2
 
 
 def adapted_mesh(
-    scaled: Callable[[np.ndarray, int], np.ndarray], tolerance: float, *, margin: float = 0.12
+    slopes: np.ndarray, fourth: np.ndarray, tolerance: float, *, margin: float = 0.12
 ) -> np.ndarray:
     """Returns a mesh on which cubic collocation keeps its residual below the tolerance.
 
@@ -166,48 +126,20 @@ def adapted_mesh(
     times the fourth derivative: nodes are spread so that this is the same everywhere.
 
     Args:
-        scaled: Gives scaled states' derivatives of some order at shares, (K, .).
+        slopes: Scaled states' derivatives at evenly spaced shares from 0 to 1, (K, .).
+        fourth: Their fourth derivatives there.
         tolerance: Relative residual allowed.
         margin: Share of it to aim for.
     """
-    fine = np.linspace(0.0, 1.0, 401)
-    slopes, fourth = scaled(fine, 1), scaled(fine, 4)
-    density = np.sqrt((fourth**2 / (1.0 + np.abs(slopes)) ** 2).sum(axis=1)) ** (1.0 / 3.0)
+    density = np.cbrt(np.sqrt((fourth**2 / (1.0 + np.abs(slopes)) ** 2).sum(axis=1)))
     density = np.maximum(density, 0.1 * np.max(density))
-    count = 40
-    for _ in range(6):
-        mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
-        mesh = np.interp(np.linspace(0.0, mass[-1], count), mass, fine)
-        residual = _cubic_residual(scaled, mesh)
-        ratio = residual / (margin * tolerance)
-        if 0.7 < ratio <= 1.0 or not np.isfinite(ratio):
-            break
-        wanted = int(np.ceil((count - 1) * (1.05 * ratio) ** (1.0 / 3.0))) + 1
-        new = int(np.clip(wanted, _FEWEST, _MOST))
-        if new == count:
-            break
-        count = new
+    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    mass /= len(density) - 1
+    intervals = mass[-1] * np.cbrt(_CUBIC / (margin * tolerance))
+    count = int(np.clip(np.ceil(intervals), _FEWEST, _MOST)) + 1 if np.isfinite(intervals) else 40
+    mesh = np.interp(np.linspace(0.0, mass[-1], count), mass, np.linspace(0.0, 1.0, len(density)))
     mesh[0], mesh[-1] = 0.0, 1.0
     return mesh
-
-
-def _cubic_residual(scaled: Callable[[np.ndarray, int], np.ndarray], mesh: np.ndarray) -> float:
-    """Returns the largest relative residual of the cubic through values and slopes at the nodes."""
-    width = np.diff(mesh)[:, None]
-    value, slope = scaled(mesh, 0), scaled(mesh, 1)
-    rise = (value[1:] - value[:-1]) / width
-    squares = np.zeros(len(width))
-    for place, weight in zip(_LOBATTO, (49.0 / 90.0, 32.0 / 45.0, 49.0 / 90.0), strict=True):
-        part = 0.5 * (place + 1.0)
-        cubic = (
-            slope[:-1] * (1.0 - 4.0 * part + 3.0 * part**2)
-            + slope[1:] * (3.0 * part**2 - 2.0 * part)
-            + 6.0 * rise * part * (1.0 - part)
-        )
-        true = scaled(mesh[:-1] + part * width[:, 0], 1)
-        off = (cubic - true) / (1.0 + np.abs(true))
-        squares += weight * (off**2).sum(axis=1)
-    return float(np.max(np.sqrt(0.5 * squares)))
 
 
 def warm_start(
@@ -219,11 +151,10 @@ def warm_start(
     # what is differentiated often is known too roughly to tell where nodes are needed
     told = criterion.at_tau if criterion.torque_is_state else criterion.at_n2
     columns = np.r_[criterion.at_y, criterion.at_rate, told]
-
-    def scaled(share: np.ndarray, order: int) -> np.ndarray:
-        return (states(share, order) / problem.scale)[:, columns]
-
-    mesh = adapted_mesh(scaled, tolerance)
+    scaled = (states.coefficients / problem.scale)[:, columns]
+    degree = len(scaled) - 1
+    slopes, fourth = (legendre_on_grid(_GRID, degree, order) @ scaled for order in (1, 4))
+    mesh = adapted_mesh(slopes, fourth, tolerance)
     return Guess(mesh, states(mesh), result.cost), states
 
 
