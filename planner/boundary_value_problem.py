@@ -8,18 +8,20 @@ motions look alike to the solver.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from planner.boundary_conditions import EndConditions
+from planner.chain import CLOSURE_TOLERANCE
 from planner.constrained_dynamics import pseudo_inverse_torque, tangent
 from planner.criteria.base import Criterion, Evaluation
 from planner.independent_joints import Coordinates
 from planner.transport import Transport
 
+_CLOSURE = 1e-9  # m, rad: while solving; far below any residual that is asked for
 _DIFFERENCE = 1e-4  # of a scaled state, for boundary conditions that are not linear
 
 
@@ -36,6 +38,14 @@ class Guess:
     share: np.ndarray
     x: np.ndarray
     cost: float
+
+
+@lru_cache(maxsize=32)
+def _spline_slopes(share: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Returns first and second derivative at its knots of the spline through values there."""
+    knots = np.frombuffer(share)
+    spline = CubicSpline(knots, np.eye(len(knots)))
+    return spline(knots, 1), spline(knots, 2)
 
 
 class BoundaryValueProblem:
@@ -63,7 +73,7 @@ class BoundaryValueProblem:
         self.lost: float | None = None
         self.boundary_calls = 0
         self._mesh: tuple[np.ndarray, np.ndarray] | None = None
-        self._known: list[tuple[np.ndarray, np.ndarray, Evaluation]] = []
+        self._known: list[tuple[np.ndarray, np.ndarray, float, Evaluation]] = []
 
     # ---- start and scale -----------------------------------------------------------------------
 
@@ -71,10 +81,9 @@ class BoundaryValueProblem:
     def straight_guess(self) -> Guess:
         """The guessed path with the least torques that follow it, and costates zero."""
         transport, criterion = self.transport, self.criterion
-        path = CubicSpline(transport.share * transport.duration, transport.guess)
-        share = transport.share
-        q = transport.guess
-        v, a = path(share * transport.duration, 1), path(share * transport.duration, 2)
+        share, q, duration = transport.share, transport.guess, transport.duration
+        first, second = _spline_slopes(share.tobytes())
+        v, a = first @ q / duration, second @ q / duration**2
         chain = transport.chain
         at = tangent(chain, transport.joints, q, chain.dynamics.placements(q))
         load = chain.dynamics.inverse_dynamics(q, v, a)
@@ -85,11 +94,11 @@ class BoundaryValueProblem:
         cost = 0.5 * (tau * tau) @ criterion.torque_weights
         if criterion.torque_is_state:
             x[:, criterion.at_tau] = tau
-            rate = CubicSpline(share * transport.duration, tau)(share * transport.duration, 1)
+            rate = first @ tau / duration
             cost = cost + 0.5 * (rate * rate) @ criterion.rate_weights
         if criterion.state_cost is not None:
             cost = cost + criterion.state_cost.value(q, v)
-        total = float(np.trapezoid(cost, share) * transport.duration)
+        total = float(np.trapezoid(cost, share) * duration)
         return Guess(share, x, total)
 
     @cached_property
@@ -131,24 +140,32 @@ class BoundaryValueProblem:
         """Returns scaled states and costates, (., K), from those in their units, (K, .)."""
         return np.ascontiguousarray((x / self.scale).T)
 
-    def evaluate(self, share: np.ndarray, x: np.ndarray) -> Evaluation:
-        """Returns the evaluation at states x; the last few are kept."""
-        for known_share, known_x, evaluation in self._known:
-            if np.array_equal(known_x, x) and np.array_equal(known_share, share):
+    def evaluate(
+        self, share: np.ndarray, x: np.ndarray, closure: float = CLOSURE_TOLERANCE
+    ) -> Evaluation:
+        """Returns the evaluation at states x; the last few are kept.
+
+        Args:
+            share: Shares of the duration, (K,).
+            x: States and costates, (K, 2 * state_size).
+            closure: Bound on the gap between the hands [m, rad].
+        """
+        for known_share, known_x, gap, evaluation in self._known:
+            if gap <= closure and np.array_equal(known_x, x) and np.array_equal(known_share, share):
                 return evaluation
         with np.errstate(all="ignore"):
-            evaluation = self.criterion.evaluate(self.coordinates, share, x)
+            evaluation = self.criterion.evaluate(self.coordinates.within(closure), share, x)
         if evaluation.closed.all():
             self.lost = None
         else:
             self.lost = float(share[np.argmin(evaluation.closed)])
-        self._known = [(share.copy(), x.copy(), evaluation), *self._known[:3]]
+        self._known = [(share.copy(), x.copy(), closure, evaluation), *self._known[:3]]
         return evaluation
 
     def right_side(self, share: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Returns dz/ds, (., K); NaN where the chain cannot be closed."""
         x = self.physical(z)
-        at = self.evaluate(share, x)
+        at = self.evaluate(share, x, _CLOSURE)
         if share[0] == 0.0 and share[-1] == 1.0 and len(share) > 1:
             self._mesh = share, x
         with np.errstate(all="ignore"):
@@ -159,7 +176,7 @@ class BoundaryValueProblem:
     def jacobian(self, share: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Returns d(dz/ds)/dz, (., ., K)."""
         x = self.physical(z)
-        at = self.evaluate(share, x)
+        at = self.evaluate(share, x, _CLOSURE)
         with np.errstate(all="ignore"):
             slope = self.criterion.jacobian(self.coordinates, at, x, 1.0 / self.transport.duration)
         slope *= self.transport.duration * self.scale[None, None, :] / self.scale[None, :, None]
@@ -230,5 +247,5 @@ class BoundaryValueProblem:
             return self.straight_guess.cost
         share, x = self._mesh
         with np.errstate(all="ignore"):
-            running = self.criterion.running_cost(self.evaluate(share, x), x)
+            running = self.criterion.running_cost(self.evaluate(share, x, _CLOSURE), x)
         return float(simpson(running, x=share) * self.transport.duration)

@@ -11,6 +11,7 @@ from scipy.linalg.lapack import dgeqp3
 from planner.chain import CLOSURE_TOLERANCE, ClosedChain
 from planner.constrained_dynamics import Joints, Tangent, tangent
 from planner.equation_of_motion import Placements
+from planner.vectors import matvec
 
 _PROPOSALS = 6
 
@@ -40,6 +41,40 @@ def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
     return Joints(np.array(independent, dtype=int), np.array(best, dtype=int))
 
 
+class Path:
+    """A motion that is known: closed postures and, perhaps, the freedoms there.
+
+    Attributes:
+        share: Shares of the duration, increasing, (K,).
+        q: Closed postures, (K, N) [rad].
+        s: S = dq/dy there, (K, N, p); None if it is not known.
+    """
+
+    def __init__(self, share: np.ndarray, q: np.ndarray, s: np.ndarray | None = None) -> None:
+        self.share = share
+        self.q = q
+        self.s = s
+        self._spline: CubicSpline | None = None
+
+    def near(self, joints: Joints, share: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Returns postures with independent joints y, (K, p), as the path foresees them, (K, N)."""
+        (m, p), count = (len(joints.dependent), len(joints.independent)), len(y)
+        if self._spline is None:
+            columns = [self.q[:, joints.dependent]]
+            if self.s is not None:
+                follow = self.s[:, joints.dependent].reshape(-1, m * p)
+                columns += [self.q[:, joints.independent], follow]
+            self._spline = CubicSpline(self.share, np.concatenate(columns, axis=1))
+        values = self._spline(share)
+        guess = np.empty((count, m + p))
+        guess[:, joints.independent] = y
+        guess[:, joints.dependent] = values[:, :m]
+        if self.s is not None:
+            follow = values[:, m + p :].reshape(count, m, p)
+            guess[:, joints.dependent] += matvec(follow, y - values[:, m : m + p])
+        return guess
+
+
 class Coordinates:
     """The map phi along a motion: closed postures from independent joints.
 
@@ -50,33 +85,26 @@ class Coordinates:
         chain: The closed chain.
         joints: Independent and dependent joints.
         tolerance: Bound on the gap that is left [m, rad].
-        share: Shares of the duration at which the last known motion is kept, (K,).
-        path: Its closed postures, (K, N) [rad].
+        path: The last known motion.
     """
 
-    _spline: CubicSpline | None
-
     def __init__(
-        self, chain: ClosedChain, joints: Joints, share: np.ndarray, path: np.ndarray
+        self, chain: ClosedChain, joints: Joints, share: np.ndarray, q: np.ndarray
     ) -> None:
-        """Starts from closed postures `path`, (K, N), at shares of the duration, (K,)."""
+        """Starts from closed postures q, (K, N), at shares of the duration, (K,)."""
         self.chain = chain
         self.joints = joints
         self.tolerance = CLOSURE_TOLERANCE
-        self.remember(share, path)
+        self.path = Path(share, q)
 
     def close(self, share: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Placements, np.ndarray]:
         """Returns q = phi(y) with placements, and which samples could be closed.
 
         Args:
-            share: Shares of the duration, increasing where they shall be remembered, (K,).
+            share: Shares of the duration, (K,).
             y: Independent joints, (K, p) [rad].
         """
-        guess = np.empty((len(y), self.chain.n))
-        guess[:, self.joints.independent] = y
-        if self._spline is None:
-            self._spline = CubicSpline(self.share, self.path[:, self.joints.dependent])
-        guess[:, self.joints.dependent] = self._spline(share)
+        guess = self.path.near(self.joints, share, y)
         return self.chain.close(guess, self.joints.dependent, self.tolerance)
 
     def tangent(self, share: np.ndarray, y: np.ndarray) -> tuple[Tangent, np.ndarray]:
@@ -84,13 +112,22 @@ class Coordinates:
         q, at, closed = self.close(share, y)
         return tangent(self.chain, self.joints, q, at), closed
 
-    def precise(self) -> Coordinates:
-        """Returns the same map, closed to round-off: for what is differenced twice."""
+    def within(self, tolerance: float) -> Coordinates:
+        """Returns the same map with another bound on the gap [m, rad]."""
         copied = copy.copy(self)
-        copied.tolerance = 1e-15
+        copied.tolerance = tolerance
         return copied
 
-    def remember(self, share: np.ndarray, q: np.ndarray) -> None:
-        """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near."""
-        self.share, self.path = share, q
-        self._spline = None
+    def precise(self) -> Coordinates:
+        """Returns the same map, closed to round-off: for what is differenced twice."""
+        return self.within(1e-15)
+
+    def remember(self, share: np.ndarray, q: np.ndarray, s: np.ndarray | None = None) -> None:
+        """Takes closed postures, (K, N) at increasing shares, as what phi shall stay near.
+
+        Args:
+            share: Shares of the duration, (K,).
+            q: The postures.
+            s: S = dq/dy there, (K, N, p), if it is known: other y are then foreseen better.
+        """
+        self.path = Path(share, q, s)

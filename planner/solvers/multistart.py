@@ -44,5 +44,6 @@ def best_of_starts(
         else:
             minima.append({"cost": one.cost, "starts": 1})
     best = good[0]
-    problem.coordinates.remember(best.problem.nodes.u, best.point.torques.tangent.q)
+    at = best.point.torques.tangent
+    problem.coordinates.remember(best.problem.nodes.u, at.q, at.s)
     return best, {"local_minima": minima, "starts_converged": len(good), "starts": starts}

@@ -114,7 +114,7 @@ def minimise(
         point, decrease, taken, message = _descend(problem, point, tolerance, report)
         steps += taken
         curves = problem.curves(point)
-        coordinates.remember(problem.nodes.u, point.torques.tangent.q)
+        coordinates.remember(problem.nodes.u, point.torques.tangent.q, point.torques.tangent.s)
         rest = resolution(problem, point)
         good = message == "converged"
         if not good or rest < tail or degree + DEGREE_STEP > LAST_DEGREE:
@@ -168,7 +168,7 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
                 y = problem.ends.retract(index, near)
                 ends[index] = problem.ends.values(index, y)[0]
     both = ends[0], ends[1]
-    known = spline_at_nodes(coordinates.share, coordinates.path, count)
+    known = spline_at_nodes(coordinates.path.share, coordinates.path.q, count)
     if curves is not None:
         point = problem.evaluate(carry_over(problem, curves), both, known)
         if point is not None:

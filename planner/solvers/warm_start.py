@@ -118,7 +118,7 @@ def _adjoint(
 
 
 def adapted_mesh(
-    slopes: np.ndarray, fourth: np.ndarray, tolerance: float, *, margin: float = 0.12
+    slopes: np.ndarray, fourth: np.ndarray, tolerance: float, *, margin: float = 0.08
 ) -> np.ndarray:
     """Returns a mesh on which cubic collocation keeps its residual below the tolerance.
 
