@@ -22,6 +22,8 @@ REMEDIES = {
     "closer by; or --set solver.starts=8",
     "closure-lost": "move start or goal away from the edge of the shared workspace, or choose "
     "postures on the other side of the elbow",
+    "unbounded-squeeze": "prescribe the squeeze at one end (--set boundary.start.torque=static, or "
+    "an internal_force there), or let the torques cost something (--set criterion.kind=mixed)",
     "singular-chain": "choose another posture or another pair: at this one the hands' closure "
     "leaves the joints undetermined",
     "disagreement": "solve to a tighter tolerance (--set solver.tolerance=1e-6), or try several "

@@ -20,7 +20,8 @@ from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import solve_collocation
 from planner.solvers.multistart import best_of_starts
 from planner.solvers.nearby import curves_of_plan, fit_curves, with_better_joints
-from planner.solvers.spectral import SpectralResult, minimise
+from planner.solvers.spectral import DEGREE_STEP, LAST_DEGREE, SpectralResult, minimise
+from planner.solvers.squeeze import unbounded_squeeze
 from planner.solvers.warm_start import spectral_solution, warm_start
 from planner.transport import Transport
 
@@ -33,6 +34,9 @@ __all__ = ["solve"]
 
 _AGREEMENT = 1e-3
 _SINGULAR = 1e6
+_SWITCHES = 5
+_USABLE = 20.0  # times the tail allowed: what collocation can still start from
+_SHARPER = 0.03  # of the tail allowed, where costates alone give the torques
 
 
 def solve(
@@ -62,6 +66,8 @@ def solve(
         curves = None if start is None else curves_of_plan(transport, start)
         found = solve_directly(scenario, transport, progress=progress, start=curves)
         if isinstance(found, Solution) or scenario.solver.start == "line":
+            return found
+        if found.status == "unbounded-squeeze":
             return found
         found = solve_by_continuation(scenario, transport, found, progress=progress)
         return found if isinstance(found, Solution) else _name_singularity(transport, found)
@@ -108,46 +114,67 @@ def solve_directly(
     if settings.start == "line" and settings.method != "spectral":
         return _from_line(scenario, transport, progress)
     problem = make_problem(scenario, transport)
-    result = minimise(
-        transport,
-        problem.criterion,
-        problem.coordinates,
-        tolerance=cost_tolerance(scenario),
-        tail=tail_tolerance(scenario),
-        start=start,
-        progress=progress,
-    )
+    one = settings.starts == 1
+    result = search(scenario, problem, start=start, watch_joints=one, progress=progress)
     minima: dict[str, Any] = {}
-    if settings.starts > 1:
-        result, minima = best_of_starts(problem, result, settings.starts, settings.seed)
-    if result is not None:
-        transport, problem, result = _with_better_joints(
-            scenario, transport, problem, result, progress
+    if not one:
+        result, minima = best_of_starts(
+            problem,
+            result,
+            settings.starts,
+            settings.seed,
+            lambda curves: search(scenario, problem, start=curves),
         )
+    if result is not None:
+        problem, result = _with_better_joints(scenario, problem, result, progress)
     found = _finish(scenario, transport, problem, result, progress)
     if minima and isinstance(found, Solution):
         found = replace(found, evidence=found.evidence | minima)
     return found
 
 
+def search(scenario: Scenario, problem: BoundaryValueProblem, **how: Any) -> SpectralResult | None:
+    """Returns the motion of least cost as `minimise` finds it, to the scenario's tolerances.
+
+    Args:
+        scenario: What is asked.
+        problem: Its problem, whose coordinates remember the result.
+        how: Further arguments of `minimise`.
+    """
+    settings = {"tolerance": cost_tolerance(scenario), "tail": tail_tolerance(scenario)}
+    return minimise(problem.transport, problem.criterion, problem.coordinates, **(settings | how))
+
+
 def _with_better_joints(
     scenario: Scenario,
-    transport: Transport,
     problem: BoundaryValueProblem,
     result: SpectralResult,
     progress: ProgressCallback | None,
-) -> tuple[Transport, BoundaryValueProblem, SpectralResult]:
-    """Returns task, problem and result, with other independent joints where they help clearly."""
-    u, point = result.problem.nodes.u, result.point
-    better = with_better_joints(transport, u, point.torques.tangent)
-    if better is None:
-        return transport, problem, result
-    problem = make_problem(scenario, better)
-    start = fit_curves(better, u, point.torques.tangent.q, point.multiplier)
-    again = minimise(better, problem.criterion, problem.coordinates, start=start, progress=progress)
-    if again is None or (result.converged and not again.converged):
-        return transport, make_problem(scenario, transport), result
-    return better, problem, again
+) -> tuple[BoundaryValueProblem, SpectralResult]:
+    """Returns problem and result, with other independent joints where they help clearly.
+
+    On its way down a motion may change so much that the joints have to be chosen again and again.
+    """
+    for _ in range(_SWITCHES):
+        transport, u, point = problem.transport, result.problem.nodes.u, result.point
+        at = point.torques.tangent
+        better = with_better_joints(transport, u, at)
+        if better is None:
+            break
+        other = BoundaryValueProblem(better, problem.criterion)
+        again = search(
+            scenario,
+            other,
+            start=fit_curves(better, u, at.q, point.multiplier, result.degree),
+            degree=result.degree,
+            watch_joints=True,
+            progress=progress,
+        )
+        if again is None or (result.converged and not again.converged):
+            problem.coordinates.remember(u, at.q, at.s)
+            break
+        problem, result = other, again
+    return problem, result
 
 
 def _finish(
@@ -159,14 +186,19 @@ def _finish(
 ) -> Solution | Failure:
     """Returns the confirmed spectral result, or what can be had where there is none."""
     settings = scenario.solver
+    if result is not None and not result.converged:
+        squeezed = unbounded_squeeze(scenario, problem, result)
+        if squeezed is not None:
+            return squeezed
     redundant = transport.chain.p > transport.chain.r
     if redundant and scenario.criterion.speed_cost == "auto" and not _converged(result):
         return _with_speed_cost(scenario, transport, problem, result, progress)
     if settings.method == "spectral":
         return _spectral_outcome(scenario, problem, result)
-    if not _converged(result) and (redundant or settings.start == "spectral"):
+    usable = result is not None and _is_usable(scenario, result)
+    if not usable and (redundant or settings.start == "spectral"):
         return _spectral_outcome(scenario, problem, result)
-    if result is not None and result.converged:
+    if result is not None and usable:
         found = confirm(scenario, problem, result, progress)
         if isinstance(found, Solution) or redundant or settings.start == "spectral":
             return found
@@ -196,6 +228,11 @@ def _converged(result: SpectralResult | None) -> bool:
     return result is not None and result.converged
 
 
+def _is_usable(scenario: Scenario, result: SpectralResult) -> bool:
+    """Returns whether collocation, whose mesh adapts to layers, can start from a result."""
+    return result.converged or (result.settled and result.tail < _USABLE * tail_tolerance(scenario))
+
+
 def _from_line(
     scenario: Scenario, transport: Transport, progress: ProgressCallback | None
 ) -> Solution | Failure:
@@ -219,21 +256,21 @@ def _with_speed_cost(
     """Returns the solution with the least cost on joint speeds that determines the motion.
 
     Without such a cost, light links of redundant arms may move at next to none: the optimum is
-    then no smooth motion. The cost starts at a hundredth of the guess's and grows tenfold.
+    then no smooth motion. The cost starts at a hundredth of the guess's and grows tenfold. Each
+    time the way starts from the guess again: what was found without it is far from all smooth ones.
     """
-    guess = problem.straight_guess
+    guess = make_problem(scenario, transport).straight_guess
     path = np.gradient(transport.guess, guess.share * transport.duration, axis=0)
     square = float(np.trapezoid((path**2).sum(axis=1), guess.share) * transport.duration)
-    unit = result.cost if result is not None else guess.cost
     last = _spectral_outcome(scenario, problem, result)
     for share in (0.01, 0.1, 1.0):
-        speed_cost = float(f"{2.0 * share * unit / max(square, 1e-9):.1e}")
+        speed_cost = float(f"{2.0 * share * guess.cost / max(square, 1e-9):.1e}")
         problem = make_problem(scenario, transport, speed_cost=speed_cost)
-        start = None if result is None else result.curves
-        result = minimise(
-            transport, problem.criterion, problem.coordinates, start=start, progress=progress
-        )
-        if result is None or not result.converged:
+        result = search(scenario, problem, watch_joints=True, progress=progress)
+        if result is None:
+            continue
+        problem, result = _with_better_joints(scenario, problem, result, progress)
+        if not result.converged:
             continue
         found: Solution | Failure
         if scenario.solver.method == "spectral":
@@ -277,6 +314,37 @@ def _spectral_outcome(
     return spectral_solution(problem, result)
 
 
+def _sharpened(
+    scenario: Scenario,
+    problem: BoundaryValueProblem,
+    result: SpectralResult,
+    progress: ProgressCallback | None,
+) -> SpectralResult:
+    """Returns the result as finely resolved as collocation needs it to start from.
+
+    Costates are known less well than the motion. Where no torque is a state, they alone give the
+    torques, and what they are off by moves light links far.
+    """
+    if problem.criterion.torque_is_state or result.degree + DEGREE_STEP > LAST_DEGREE:
+        return result
+    finer = search(
+        scenario,
+        problem,
+        tail=_SHARPER * tail_tolerance(scenario),
+        start=result.curves,
+        degree=result.degree + DEGREE_STEP,
+        progress=progress,
+    )
+    if finer is None or not finer.settled or finer.tail > result.tail:
+        return result
+    return replace(
+        finer,
+        iterations=result.iterations + finer.iterations,
+        seconds=result.seconds + finer.seconds,
+        refinements=result.refinements + finer.refinements,
+    )
+
+
 def confirm(
     scenario: Scenario,
     problem: BoundaryValueProblem,
@@ -284,6 +352,7 @@ def confirm(
     progress: ProgressCallback | None,
 ) -> Solution | Failure:
     """Returns the boundary value solution that starts from the spectral one."""
+    result = _sharpened(scenario, problem, result, progress)
     guess, _ = warm_start(problem, result, scenario.solver.tolerance)
     if len(guess.share) > scenario.solver.max_nodes:
         return failure(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,17 @@ import pytest
 from mechanisms import human_arms as human
 from plans import CASES, FREE, TORQUE, ZERO_ENDS, planned, solved, transport_of
 
-from planner import solving
+from planner import load, solving
 from planner.errors import InputError
-from planner.outcome import Failure, NotSolvedError
+from planner.outcome import Failure, NotSolvedError, failure
 from planner.planning import plan
 from planner.result import Plan
+from planner.scenario import Scenario
 from planner.solution import Refinement, Solution
-from planner.solving import solve
+from planner.solvers.continuation import solve_by_continuation
+from planner.solving import cost_tolerance, make_problem, search, solve, tail_tolerance
 
+URDF = Path(__file__).parents[1] / "urdf"
 COSTS = {"zero ends": ZERO_ENDS, "free end": 7.344975, "torque": TORQUE}
 
 
@@ -138,7 +142,8 @@ def test_no_descent(monkeypatch: pytest.MonkeyPatch) -> None:
     real = solving.minimise
 
     def ends_early(*given: Any, **settings: Any) -> Any:
-        return replace(real(*given, **settings), converged=False, message="too many steps")
+        result = real(*given, **settings)
+        return replace(result, converged=False, settled=False, message="too many steps")
 
     monkeypatch.setattr(solving, "minimise", ends_early)
     scenario = human({"solver.start": "spectral"})
@@ -250,3 +255,111 @@ def test_solutions_can_be_evaluated_anywhere() -> None:
     assert at.closed.all()
     assert np.array_equal(x, solution.states(share))
     assert np.array_equal(at.tau, x[:, solution.problem.criterion.at_tau])
+
+
+# ---- independent joints, light links, squeezes ---------------------------------------------------
+
+
+def shipped(name: str, values: dict[str, Any]) -> Scenario:
+    return load(URDF / f"{name}.toml").override(values)
+
+
+def test_joints_are_chosen_anew_on_the_way_down() -> None:
+    """Least torque takes two UR5 through the singularity of the joints that suit the guess.
+
+    With those joints alone the descent comes to a halt at a cost of 393.
+    """
+    scenario = shipped("two_ur5/panel", {"criterion.kind": "torque", "solver.tolerance": 3e-3})
+    problem = make_problem(scenario, transport_of(scenario))
+    first = search(scenario, problem, watch_joints=True)
+    assert first is not None
+    assert not first.settled
+    assert "singular in its independent joints" in first.message
+    other, result = solving._with_better_joints(scenario, problem, first, None)
+    assert result.converged, result.message
+    assert result.cost < 230.0
+    mine, its = problem.transport.joints.dependent, other.transport.joints.dependent
+    assert mine.tolist() != its.tolist()
+    q = result.point.torques.tangent.q
+    gamma = problem.transport.chain.loop(problem.transport.chain.dynamics.placements(q)).jacobian()
+    nearest = [np.min(np.linalg.svd(gamma[:, :, z], compute_uv=False)[:, -1]) for z in (mine, its)]
+    assert nearest[1] > 3.0 * nearest[0]
+
+
+def test_costates_are_resolved_finer_where_they_alone_give_the_torques() -> None:
+    scenario = human({"criterion.kind": "torque"})
+    result = search(scenario, make_problem(scenario, transport_of(scenario)))
+    assert result is not None
+    found = planned({"criterion.kind": "torque"})
+    assert found.checks["spectral_degree"] > result.degree
+    assert found.checks["spectral_iterations"] > result.iterations
+    plain = search(human(), make_problem(human(), transport_of(human())))
+    assert plain is not None
+    assert planned().checks["spectral_degree"] == plain.degree
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["two_ur5/panel", "tiago_dual/box", "talos/bar"])
+def test_least_torque_of_spatial_arms_is_certified(name: str) -> None:
+    found = plan(shipped(name, {"criterion.kind": "torque"}))
+    assert isinstance(found, Plan), found
+    assert found.checks["pontryagin_residual"] < 1e-4
+    assert found.checks["hamiltonian"] < 1e-4
+    assert found.checks["agreement"] < 1e-3
+    assert found.checks["torque_balance"] < 1e-5
+    # redundant arms need a cost on their speeds, as small as does
+    assert ("speed_cost" in found.checks) == (name != "two_ur5/panel")
+    assert bool(found.remarks) == (name != "two_ur5/panel")
+
+
+REST = {"boundary.start.torque": "rest", "boundary.goal.torque": "rest"}
+
+
+def test_a_squeeze_without_bound_is_named() -> None:
+    """An internal moment about the vertical loads bases and wrists alike wherever the panel is."""
+    found = plan(shipped("two_ur5/panel", REST))
+    assert isinstance(found, Failure)
+    assert found.status == "unbounded-squeeze"
+    assert found.evidence["torque"] > 1e3 * found.evidence["torque_needed"]
+    assert "continuation" not in found.evidence
+    assert_holds_no_motion(found)
+
+
+@pytest.mark.parametrize(
+    "remedy",
+    [
+        {"boundary.start.torque": "static"},
+        {"boundary.start.internal_force": [0.0, 0.0, 0.0]},
+        {"criterion.kind": "mixed"},
+    ],
+)
+def test_what_is_advised_against_it_helps(remedy: dict[str, Any]) -> None:
+    values: dict[str, Any] = dict(REST)
+    if "boundary.start.internal_force" in remedy:  # it takes the torques' place
+        values["boundary.start.torque"] = None
+    found = plan(shipped("two_ur5/panel", values | remedy))
+    assert isinstance(found, Plan), found
+    assert found.checks["pontryagin_residual"] < 1e-4
+    assert found.checks["replay_max"] < 1e-3
+    assert np.max(np.abs(found.tau)) < 100.0
+
+
+def test_every_spectral_solve_keeps_to_the_tolerances_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    real, seen = solving.minimise, []
+
+    def listen(*given: Any, **settings: Any) -> Any:
+        seen.append((settings["tolerance"], settings["tail"]))
+        return real(*given, **settings)
+
+    monkeypatch.setattr(solving, "minimise", listen)
+    scenario = human({"solver.tolerance": 1e-6, "solver.starts": 3, "solver.max_nodes": 9000})
+    asked = cost_tolerance(scenario), tail_tolerance(scenario)
+    assert isinstance(plan(scenario), Plan)
+    assert len(seen) >= 3
+    first = failure("no-descent", "pretended", scenario)
+    before = len(seen)
+    assert isinstance(solve_by_continuation(scenario, transport_of(scenario), first), Solution)
+    assert len(seen) >= before + 2
+    assert set(seen) == {asked}

@@ -20,7 +20,7 @@ from planner.criteria import make_criterion
 from planner.errors import InputError
 from planner.outcome import Failure
 from planner.solution import ProgressCallback, Solution
-from planner.solvers.spectral import SpectralResult, minimise
+from planner.solvers.spectral import SpectralResult
 from planner.solvers.warm_start import spectral_solution
 from planner.transport import Transport, make_transport
 
@@ -167,6 +167,8 @@ def _follow(
 def _solve_member(
     scenario: Scenario, joints: Joints, curves: Curves | None, progress: ProgressCallback | None
 ) -> tuple[BoundaryValueProblem, SpectralResult] | None:
+    from planner.solving import search
+
     try:
         chain = build_chain(scenario)
         transport = replace(make_transport(scenario, chain), joints=joints)
@@ -175,5 +177,5 @@ def _solve_member(
     criterion = make_criterion(scenario, chain, transport.reference)
     assert criterion is not None
     problem = BoundaryValueProblem(transport, criterion)
-    result = minimise(transport, criterion, problem.coordinates, start=curves, progress=progress)
+    result = search(scenario, problem, start=curves, progress=progress)
     return None if result is None else (problem, result)

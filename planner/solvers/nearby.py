@@ -24,7 +24,11 @@ _BETTER = 3.0  # times farther from a singularity, or the joints stay as they ar
 
 
 def fit_curves(
-    transport: Transport, share: np.ndarray, q: np.ndarray, multiplier: np.ndarray | None
+    transport: Transport,
+    share: np.ndarray,
+    q: np.ndarray,
+    multiplier: np.ndarray | None,
+    degree: int = _DEGREE,
 ) -> Curves:
     """Returns polynomials through a motion, for the transport's independent joints.
 
@@ -33,8 +37,9 @@ def fit_curves(
         share: Shares of the duration, (K,).
         q: Postures, (K, N) [rad].
         multiplier: lambda, (K, m); None for zero.
+        degree: Degree, unless the samples are too few.
     """
-    degree = min(_DEGREE, len(share) - 1)
+    degree = min(degree, len(share) - 1)
     points = 2.0 * share - 1.0
     if multiplier is None:
         multiplier = np.zeros((len(share), transport.chain.m))

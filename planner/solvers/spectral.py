@@ -25,6 +25,7 @@ from planner.independent_joints import Coordinates
 from planner.solution import ProgressCallback, Refinement
 from planner.solvers.basis import legendre_analysis, spline_at_nodes
 from planner.solvers.curves import Curves
+from planner.solvers.nearby import with_better_joints
 from planner.solvers.spectral_curvature import torque_curvature
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import carry_over, project
@@ -39,6 +40,8 @@ _FIRST_RADIUS = 8.0  # root mean square change of postures and speeds, rad and r
 _LEAST_RADIUS = 1e-9
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
 _SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
+_NEAR = 0.03  # of the closure's size: nearer to a singularity, other independent joints are sought
+_HOPELESS = 20.0  # times the tail allowed: where the last degree would still leave more, it ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,7 @@ class SpectralResult:
         iterations: Steps taken at all degrees.
         decrease: Predicted relative decrease of the next step.
         converged: Whether that is below the tolerance and the tail has decayed.
+        settled: Whether it is below the tolerance, however much of a tail is left.
         refinements: Progress.
         seconds: Time taken [s].
         message: Why it ended.
@@ -67,6 +71,7 @@ class SpectralResult:
     iterations: int
     decrease: float
     converged: bool
+    settled: bool
     refinements: tuple[Refinement, ...]
     seconds: float
     message: str
@@ -82,6 +87,8 @@ def minimise(
     tolerance: float = 1e-9,
     tail: float = 7e-4,
     start: Curves | None = None,
+    degree: int | None = None,
+    watch_joints: bool = False,
     progress: ProgressCallback | None = None,
 ) -> SpectralResult | None:
     """Returns the polynomials of least cost, or None if no start could be closed.
@@ -93,6 +100,9 @@ def minimise(
         tolerance: Relative cost that may still be gained when the minimisation ends.
         tail: Share of the highest coefficients below which the degree suffices.
         start: Curves to start from, e.g. of a plan nearby.
+        degree: First degree, where not the usual one.
+        watch_joints: Whether to end early where other independent joints suit the motion clearly
+            better: the chain becomes singular in those it has, which bars the way down.
         progress: Called once per iteration.
     """
     began = time.perf_counter()
@@ -104,22 +114,29 @@ def minimise(
         if progress is not None:
             progress(step)
 
-    degree, steps = FIRST_DEGREE, 0
+    def barred(point: Point) -> bool:
+        return watch_joints and _is_barred(transport, problem, point)
+
+    degree = FIRST_DEGREE if degree is None else degree
+    steps, before = 0, np.inf
     curves = start
     while True:
         problem = SpectralProblem(transport, criterion, coordinates, degree)
         point = _first_point(problem, curves)
         if point is None:
             return None
-        point, decrease, taken, message = _descend(problem, point, tolerance, report)
+        point, decrease, taken, message = _descend(problem, point, tolerance, report, barred)
         steps += taken
         curves = problem.curves(point)
         coordinates.remember(problem.nodes.u, point.torques.tangent.q, point.torques.tangent.s)
         rest = resolution(problem, point)
         good = message == "converged"
-        if not good or rest < tail or degree + DEGREE_STEP > LAST_DEGREE:
+        more = (LAST_DEGREE - degree) // DEGREE_STEP
+        if not good or rest < tail or more <= 0:
             break
-        degree += DEGREE_STEP
+        if rest < before < np.inf and rest * (rest / before) ** more > _HOPELESS * tail:
+            break
+        degree, before = degree + DEGREE_STEP, rest
     if good and rest >= tail:
         message = f"degree {degree} leaves a tail of {rest:.1e}"
     return SpectralResult(
@@ -130,6 +147,7 @@ def minimise(
         iterations=steps,
         decrease=decrease,
         converged=good and rest < tail,
+        settled=good,
         refinements=tuple(seen),
         seconds=time.perf_counter() - began,
         message=message,
@@ -177,6 +195,14 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
     y = path[:, transport.joints.independent]
     point = problem.evaluate(project(problem, both, y), both, known)
     return point or problem.evaluate(np.zeros(problem.size), both, known)
+
+
+def _is_barred(transport: Transport, problem: SpectralProblem, point: Point) -> bool:
+    """Returns whether a motion is near a singularity that other independent joints do not have."""
+    at = point.torques.tangent
+    if np.abs(at.inverse).max() * np.abs(at.gamma).max() * _NEAR < 1.0:
+        return False
+    return with_better_joints(transport, problem.nodes.u, at) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +264,7 @@ def _descend(
     point: Point,
     tolerance: float,
     report: Callable[[int, float, float], None],
+    barred: Callable[[Point], bool],
 ) -> tuple[Point, float, int, str]:
     """Returns the last iterate, its predicted relative decrease, the steps, and why it ended.
 
@@ -269,6 +296,8 @@ def _descend(
         point = best.point if best.point.cost <= point.cost else point
         if relative < _ROUND_OFF:
             return point, relative, step + 1, "converged"
+        if barred(point):
+            return point, relative, step + 1, "the chain becomes singular in its independent joints"
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
         # what is left is a geometric series of this pace; Newton squares it
         newton = which == 1
