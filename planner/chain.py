@@ -58,17 +58,17 @@ class ClosedChain:
         """Both arms, left first."""
         return self.left, self.right
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of joints of both arms."""
         return self.left.n + self.right.n
 
-    @property
+    @cached_property
     def m(self) -> int:
         """Number of closure rows."""
         return self.pair.m
 
-    @property
+    @cached_property
     def p(self) -> int:
         """Degrees of freedom of the closed chain."""
         return self.n - self.m
@@ -122,21 +122,29 @@ class ClosedChain:
         return position + rotation @ grasp.translation, rotation @ grasp.rotation
 
     @cached_property
-    def _grasp_in_left(self) -> pin.SE3:
-        return self.object_in_left * self.grasp_in_object
+    def _grasp(self) -> tuple[np.ndarray, np.ndarray]:
+        """Translation and rotation of the grasp in the body that carries the left hand."""
+        grasp = self.object_in_left * self.grasp_in_object
+        return np.array(grasp.translation), np.array(grasp.rotation)
 
-    def _grasp_frame(self, at: Placements) -> np.ndarray:
-        """Returns the rotation of the grasp on the object, (K, 3, 3)."""
-        frame: np.ndarray = at.left_rotation @ self._grasp_in_left.rotation
-        return frame
+    @cached_property
+    def _tip(self) -> tuple[np.ndarray, np.ndarray]:
+        """Translation and rotation of the right hand in the body that carries it."""
+        tip = self.right.tip_placement
+        return np.array(tip.translation), np.array(tip.rotation)
+
+    def _right_point(self, at: Placements) -> np.ndarray:
+        """Returns the right hand's position, (K, 3) [m]."""
+        point: np.ndarray = at.right_translation + at.right_rotation @ self._tip[0]
+        return point
 
     def gap(self, at: Placements) -> np.ndarray:
         """Returns the closure g(q) (eq. 1), zero where both hands hold the object, (K, m)."""
-        grasp, tip = self._grasp_in_left, self.right.tip_placement
-        apart = at.right_translation - at.left_translation
-        apart += at.right_rotation @ tip.translation
-        apart -= at.left_rotation @ grasp.translation
-        return self.pair.gap(self._grasp_frame(at), apart, at.right_rotation @ tip.rotation)
+        place, turn = self._grasp
+        apart = self._right_point(at)
+        apart -= at.left_translation
+        apart -= at.left_rotation @ place
+        return self.pair.gap(at.left_rotation @ turn, apart, at.right_rotation @ self._tip[1])
 
     @cached_property
     def _order(self) -> LoopOrder:
@@ -151,12 +159,11 @@ class ClosedChain:
     def loop(self, at: Placements) -> Loop:
         """Returns the twist columns of the loop from the left hand to the right."""
         count = len(at.columns)
-        frame = self._grasp_frame(at)
+        frame = at.left_rotation @ self._grasp[1]
         inverse = transpose(frame)
         columns = inverse[:, None] @ at.columns.reshape(count, 2, 3, self.n)
         columns *= self._sense
-        point = at.right_translation + at.right_rotation @ self.right.tip_placement.translation
-        point = wrap((point[:, None, :] @ frame)[:, 0].T)[..., None]
+        point = wrap((self._right_point(at)[:, None, :] @ frame)[:, 0].T)[..., None]
         angular = wrap(columns[:, 1].transpose(1, 0, 2))
         linear = wrapped_cross(angular, point)
         linear += wrap(columns[:, 0].transpose(1, 0, 2))
@@ -165,8 +172,8 @@ class ClosedChain:
 
     def closure_columns(self, at: Placements, joints: np.ndarray) -> np.ndarray:
         """Returns some columns of the closure's Jacobian, (K, m, len(joints))."""
-        point = at.right_translation + at.right_rotation @ self.right.tip_placement.translation
-        inverse = transpose(self._grasp_frame(at))
+        point = self._right_point(at)
+        inverse = transpose(at.left_rotation @ self._grasp[1])
         # as wrenches at the world's origin, where the columns are taken
         rows = np.empty((len(point), self.m, 6))
         force = self.pair.blocked[:, :3] @ inverse
@@ -227,8 +234,9 @@ class ClosedChain:
         error = self.gap(at)
         for _ in range(_MAX_NEWTON_STEPS):
             size = np.abs(error).max(axis=1, initial=0.0)
-            with np.errstate(invalid="ignore"):
-                open_ = np.flatnonzero(~(size < tolerance) & np.isfinite(size))
+            if size.max(initial=0.0) < tolerance:
+                break
+            open_ = np.flatnonzero((size >= tolerance) & np.isfinite(size))
             if not len(open_):
                 break
             # a step more does no harm where it is not needed, and picking samples costs as much

@@ -325,12 +325,14 @@ def _sharpened(
     Costates are known less well than the motion. Where no torque is a state, they alone give the
     torques, and what they are off by moves light links far.
     """
-    if problem.criterion.torque_is_state or result.degree + DEGREE_STEP > LAST_DEGREE:
+    tail = _SHARPER * tail_tolerance(scenario)
+    sharp = problem.criterion.torque_is_state or result.tail < tail
+    if sharp or result.degree + DEGREE_STEP > LAST_DEGREE:
         return result
     finer = search(
         scenario,
         problem,
-        tail=_SHARPER * tail_tolerance(scenario),
+        tail=tail,
         start=result.curves,
         degree=result.degree + DEGREE_STEP,
         progress=progress,

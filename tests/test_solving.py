@@ -287,10 +287,11 @@ def test_joints_are_chosen_anew_on_the_way_down() -> None:
 
 
 def test_costates_are_resolved_finer_where_they_alone_give_the_torques() -> None:
-    scenario = human({"criterion.kind": "torque"})
+    values = {"criterion.kind": "torque", "solver.tolerance": 1e-5}
+    scenario = human(values)
     result = search(scenario, make_problem(scenario, transport_of(scenario)))
     assert result is not None
-    found = planned({"criterion.kind": "torque"})
+    found = planned(values)
     assert found.checks["spectral_degree"] > result.degree
     assert found.checks["spectral_iterations"] > result.iterations
     plain = search(human(), make_problem(human(), transport_of(human())))

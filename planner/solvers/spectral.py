@@ -38,6 +38,7 @@ LAST_DEGREE = 60
 _MAX_STEPS = 80
 _FIRST_RADIUS = 8.0  # root mean square change of postures and speeds, rad and rad per duration
 _LEAST_RADIUS = 1e-9
+_CLOSED = 1e-12  # m, rad: a start near the optimum is known as well as what improves on it
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
 _SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
 _NEAR = 0.03  # of the closure's size: nearer to a singularity, other independent joints are sought
@@ -188,7 +189,7 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
     both = ends[0], ends[1]
     known = spline_at_nodes(coordinates.path.share, coordinates.path.q, count)
     if curves is not None:
-        point = problem.evaluate(carry_over(problem, curves), both, known)
+        point = problem.evaluate(carry_over(problem, curves), both, known, _CLOSED)
         if point is not None:
             return point
     path = spline_at_nodes(transport.share, transport.guess, count)
@@ -200,7 +201,8 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
 def _is_barred(transport: Transport, problem: SpectralProblem, point: Point) -> bool:
     """Returns whether a motion is near a singularity that other independent joints do not have."""
     at = point.torques.tangent
-    if np.abs(at.inverse).max() * np.abs(at.gamma).max() * _NEAR < 1.0:
+    sizes = [(part * part).sum(axis=(1, 2)).max() for part in (at.inverse, at.gamma)]
+    if _NEAR**2 * sizes[0] * sizes[1] < 1.0:
         return False
     return with_better_joints(transport, problem.nodes.u, at) is not None
 

@@ -74,6 +74,8 @@ class SpectralProblem:
         units = np.array([1.0, transport.duration, transport.duration**2])
         self.phi = phi / units[:, None, None]
         self.derivative = self.nodes.derivative / transport.duration
+        self._known_ends: tuple[EndValues, EndValues] | None = None
+        self._at_nodes: tuple[np.ndarray, np.ndarray]
 
     # ---- places of the unknowns ------------------------------------------------------------------
 
@@ -128,6 +130,18 @@ class SpectralProblem:
         forces = [end.multiplier for end in ends if end.multiplier is not None]
         return motion, np.array(forces).reshape(len(forces), self.m)
 
+    def _carried_at_nodes(self, ends: tuple[EndValues, EndValues]) -> tuple[np.ndarray, np.ndarray]:
+        """Returns what the ends add to the motion, (3, K, p), and to the multiplier, (K, m)."""
+        known = self._known_ends
+        if known is None or known[0] is not ends[0] or known[1] is not ends[1]:
+            motion, force = self.carried(ends)
+            self._known_ends = ends
+            self._at_nodes = (
+                self.phi[:, :, : len(motion)] @ motion,
+                self.psi[:, : len(force)] @ force,
+            )
+        return self._at_nodes
+
     def coefficients(
         self, x: np.ndarray, ends: tuple[EndValues, EndValues]
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +154,11 @@ class SpectralProblem:
         )
 
     def evaluate(
-        self, x: np.ndarray, ends: tuple[EndValues, EndValues], near: Tangent | np.ndarray
+        self,
+        x: np.ndarray,
+        ends: tuple[EndValues, EndValues],
+        near: Tangent | np.ndarray,
+        closure: float = _CLOSURE,
     ) -> Point | None:
         """Returns the iterate with coefficients x; None where the chain cannot be closed.
 
@@ -149,14 +167,18 @@ class SpectralProblem:
             ends: Values at the ends.
             near: Postures of a motion nearby, (K, N), or its freedoms, along which closure is
                 sought.
+            closure: Bound on the gap that is left [m, rad].
         """
-        motion, force = self.coefficients(x, ends)
-        y, rate, acceleration = self.phi @ motion
-        multiplier = self.psi @ force
+        base, base_multiplier = self._carried_at_nodes(ends)
+        places = self.places
+        motion = self.phi[:, :, self.motion_basis.conditions :]
+        force = self.psi[:, self.force_basis.conditions :]
+        y, rate, acceleration = base + motion @ x[places[0]].reshape(self.p, -1).T
+        multiplier = base_multiplier + force @ x[places[1]].reshape(self.m, -1).T
         chain, joints = self.transport.chain, self.transport.joints
         guess = near.shifted(chain, joints, y) if isinstance(near, Tangent) else near.copy()
         guess[:, joints.independent] = y
-        q, at, closed = chain.close(guess, joints.dependent, _CLOSURE)
+        q, at, closed = chain.close(guess, joints.dependent, closure)
         if not closed.all():
             return None
         freedoms = tangent(chain, joints, q, at)
