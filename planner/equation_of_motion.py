@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+_KEPT = 40  # batches whose arrays are kept
+
 
 @dataclass(frozen=True, eq=False)
 class Placements:
@@ -32,6 +34,38 @@ class Placements:
     right_translation: np.ndarray
 
 
+class _Batch:
+    """Arrays for the samples of one batch, with views of every sample.
+
+    The views are made once for all batches of one size: in a loop they would cost as much time as
+    Pinocchio takes. What was filled in is handed out as copies.
+
+    Attributes:
+        rows: For each sample its inputs, then its outputs, one leading index at a time.
+    """
+
+    def __init__(self, inputs: int, count: int, n: int, outputs: tuple[tuple[int, ...], ...]):
+        self._inputs = np.empty((inputs, count, n))
+        self._outputs = [np.empty((count, *shape)) for shape in outputs]
+        # matrices in stacks, (K, 3, N, N), are filled one by one
+        each = [
+            part
+            for values in self._outputs
+            for part in (values.swapaxes(0, 1) if values.ndim == 4 else (values,))
+        ]
+        self.rows = list(zip(*self._inputs, *each, strict=True))
+
+    def take(self, *inputs: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+        """Returns the rows, with the inputs, (K, N) each, written into them."""
+        for own, given in zip(self._inputs, inputs, strict=True):
+            own[...] = given
+        return self.rows
+
+    def results(self) -> tuple[np.ndarray, ...]:
+        """Returns copies of the outputs."""
+        return tuple(values.copy() for values in self._outputs)
+
+
 class EquationOfMotion:
     """Pinocchio's model of both arms with its work space.
 
@@ -46,63 +80,58 @@ class EquationOfMotion:
         self._data = model.createData()
         self._left = self._data.oMi[left_joint]
         self._right = self._data.oMi[right_joint]
+        self._batches: dict[tuple[str, int], _Batch] = {}
+
+    def _batch(
+        self, name: str, inputs: int, count: int, outputs: tuple[tuple[int, ...], ...]
+    ) -> _Batch:
+        batch = self._batches.get((name, count))
+        if batch is None:
+            if len(self._batches) > _KEPT:
+                self._batches.clear()
+            batch = self._batches[name, count] = _Batch(inputs, count, self.n, outputs)
+        return batch
 
     def placements(self, q: np.ndarray) -> Placements:
         """Returns body placements and twist columns at the postures q, (K, N) [rad]."""
-        count, n = q.shape
-        result = Placements(
-            np.empty((count, 6, n)),
-            np.empty((count, 3, 3)),
-            np.empty((count, 3)),
-            np.empty((count, 3, 3)),
-            np.empty((count, 3)),
-        )
+        shapes = (6, self.n), (3, 3), (3,), (3, 3), (3,)
+        batch = self._batch("placements", 1, len(q), shapes)
         model, data, compute = self.model, self._data, pin.computeJointJacobians
-        columns, jacobian = result.columns, data.J
+        jacobian = data.J
         left_r, left_t = self._left.rotation, self._left.translation
         right_r, right_t = self._right.rotation, self._right.translation
-        rows = zip(
-            np.ascontiguousarray(q),
-            columns,
-            result.left_rotation,
-            result.left_translation,
-            result.right_rotation,
-            result.right_translation,
-            strict=True,
-        )
-        for q_k, columns_k, lr_k, lt_k, rr_k, rt_k in rows:
+        for q_k, columns_k, lr_k, lt_k, rr_k, rt_k in batch.take(q):
             compute(model, data, q_k)
             columns_k[...] = jacobian
             lr_k[...] = left_r
             lt_k[...] = left_t
             rr_k[...] = right_r
             rt_k[...] = right_t
-        return result
+        return Placements(*batch.results())
 
     def inertia_and_bias(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns I(q), (K, N, N) [kg m^2], and C(q, v) + G(q), (K, N) [Nm]."""
-        count, n = q.shape
-        inertia, bias = np.empty((count, n, n)), np.empty((count, n))
+        n = self.n
+        batch = self._batch("inertia and bias", 2, len(q), ((n, n), (n,)))
         model, data, crba, effects = self.model, self._data, pin.crba, pin.nonLinearEffects
         mass, nonlinear = data.M, data.nle
-        rows = zip(np.ascontiguousarray(q), np.ascontiguousarray(v), inertia, bias, strict=True)
-        for q_k, v_k, inertia_k, bias_k in rows:
+        for q_k, v_k, inertia_k, bias_k in batch.take(q, v):
             crba(model, data, q_k)
             effects(model, data, q_k, v_k)
             inertia_k[...] = mass
             bias_k[...] = nonlinear
+        inertia, bias = batch.results()
         return inertia, bias
 
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Returns I a + C + G, the torques of both arms without a force at the hands, (K, N)."""
-        torque = np.empty(q.shape)
+        batch = self._batch("inverse dynamics", 3, len(q), ((self.n,),))
         model, data, rnea = self.model, self._data, pin.rnea
         result = data.tau
-        rows = zip(*map(np.ascontiguousarray, (q, v, a)), torque, strict=True)
-        for q_k, v_k, a_k, torque_k in rows:
+        for q_k, v_k, a_k, torque_k in batch.take(q, v, a):
             rnea(model, data, q_k, v_k, a_k)
             torque_k[...] = result
-        return torque
+        return batch.results()[0]
 
     def inverse_dynamics_derivatives(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray
@@ -111,15 +140,15 @@ class EquationOfMotion:
 
         The last of them is I.
         """
-        count, n = q.shape
-        torque, along = np.empty((count, n)), np.empty((count, 3, n, n))
+        n = self.n
+        batch = self._batch("derivatives", 3, len(q), ((n,), (3, n, n)))
         model, data, compute = self.model, self._data, pin.computeRNEADerivatives
         tau, dq, dv, da = data.tau, data.dtau_dq, data.dtau_dv, data.M
-        rows = zip(*map(np.ascontiguousarray, (q, v, a)), torque, along, strict=True)
-        for q_k, v_k, a_k, torque_k, (dq_k, dv_k, da_k) in rows:
+        for q_k, v_k, a_k, torque_k, dq_k, dv_k, da_k in batch.take(q, v, a):
             compute(model, data, q_k, v_k, a_k)
             torque_k[...] = tau
             dq_k[...] = dq
             dv_k[...] = dv
             da_k[...] = da
+        torque, along = batch.results()
         return torque, along
