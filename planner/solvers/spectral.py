@@ -32,12 +32,14 @@ from planner.solvers.spectral_start import carry_over, project
 from planner.solvers.trust_region import newton_step, reduce_model, trust_region_step
 from planner.transport import Transport
 
-FIRST_DEGREE = 20
+FIRST_DEGREE = 18
+REDUNDANT_DEGREE = 20  # the first one where surplus joints have motions of their own
 DEGREE_STEP = 6
 LAST_DEGREE = 60
 _MAX_STEPS = 80
 _FIRST_RADIUS = 8.0  # root mean square change of postures and speeds, rad and rad per duration
 _LEAST_RADIUS = 1e-9
+_OPEN = 1e-4  # m, rad: left at the guess, which the first step leaves far behind
 _CLOSED = 1e-12  # m, rad: a start near the optimum is known as well as what improves on it
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
 _SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
@@ -118,7 +120,9 @@ def minimise(
     def barred(point: Point) -> bool:
         return watch_joints and _is_barred(transport, problem, point)
 
-    degree = FIRST_DEGREE if degree is None else degree
+    if degree is None:
+        redundant = transport.chain.p > transport.chain.r
+        degree = REDUNDANT_DEGREE if redundant else FIRST_DEGREE
     steps, before = 0, np.inf
     curves = start
     while True:
@@ -194,7 +198,7 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
             return point
     path = spline_at_nodes(transport.share, transport.guess, count)
     y = path[:, transport.joints.independent]
-    point = problem.evaluate(project(problem, both, y), both, known)
+    point = problem.evaluate(project(problem, both, y), both, known, _OPEN)
     return point or problem.evaluate(np.zeros(problem.size), both, known)
 
 
