@@ -221,7 +221,7 @@ def tail_tolerance(scenario: Scenario) -> float:
 
     The relative error of the cost is about its square: below 1e-6 at the default tolerance.
     """
-    return float(np.clip(7.0 * scenario.solver.tolerance, 1e-6, 2e-2))
+    return min(max(7.0 * scenario.solver.tolerance, 1e-6), 2e-2)
 
 
 def _converged(result: SpectralResult | None) -> bool:

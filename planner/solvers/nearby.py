@@ -85,6 +85,10 @@ def with_better_joints(transport: Transport, share: np.ndarray, at: Tangent) -> 
         at: Freedoms along the motion, (K).
     """
     gamma, q = at.gamma, at.q
+    # norms bound singular values: most motions need none of these
+    largest = (gamma[:, :, transport.joints.dependent] ** 2).sum(axis=(1, 2)).max()
+    if _FAR**2 * largest * (at.inverse**2).sum(axis=(1, 2)).max() < 1.0:
+        return None
     mine = np.linalg.svd(gamma[:, :, transport.joints.dependent], compute_uv=False)
     if np.min(mine[:, -1]) > _FAR * np.max(mine[:, 0]):
         return None

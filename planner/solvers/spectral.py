@@ -196,7 +196,9 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
         point = problem.evaluate(carry_over(problem, curves), both, known, _CLOSED)
         if point is not None:
             return point
-    path = spline_at_nodes(transport.share, transport.guess, count)
+    path = known
+    if coordinates.path.q is not transport.guess:
+        path = spline_at_nodes(transport.share, transport.guess, count)
     y = path[:, transport.joints.independent]
     point = problem.evaluate(project(problem, both, y), both, known, _OPEN)
     return point or problem.evaluate(np.zeros(problem.size), both, known)

@@ -109,15 +109,14 @@ class SpectralProblem:
         |M d| is the change of postures and of joint speeds that a step d makes, root mean square
         in rad and rad per duration.
         """
-        s = point.torques.tangent.s[:, None]
-        weights = np.sqrt(self.nodes.weights)[:, None, None]
-        size = self.motion.stop
-        square = np.zeros((size, size))
-        for order, unit in ((0, 1.0), (1, self.transport.duration)):
-            rows = self.along_unknowns(point, s, order)[:, :, self.motion]
-            rows = (rows * (unit * weights)).reshape(-1, size)
-            square += rows.T @ rows
-        square[np.diag_indices_from(square)] += 1e-10 * np.max(np.diag(square))
+        s = point.torques.tangent.s * np.sqrt(self.nodes.weights)[:, None, None]
+        both = np.zeros((len(s), 2, 2, self.n, self.p))
+        both[:, 0, 0] = s
+        both[:, 1, 1] = s * self.transport.duration
+        rows = self.along_unknowns(point, both.reshape(len(s), 2, 2 * self.n, self.p))
+        rows = rows[:, :, self.motion].reshape(-1, self.motion.stop)
+        square = rows.T @ rows
+        square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
         root: np.ndarray = np.linalg.cholesky(square).T
         return root
 
