@@ -54,6 +54,13 @@ class Tangent:
     inverse: np.ndarray
     s: np.ndarray
 
+    def sample(self, k: int) -> Tangent:
+        """Returns the k-th sample alone."""
+        one = slice(k, k + 1)
+        place = Placements(*(getattr(self.at, name)[one] for name in vars(self.at)))
+        parts = self.gamma[one], self.inverse[one], self.s[one]
+        return Tangent(self.q[one], place, self.loop.sample(k), *parts)
+
     def shifted(self, chain: ClosedChain, joints: Joints, y: np.ndarray) -> np.ndarray:
         """Returns postures with other independent joints, (K, p), closed to second order, (K, N).
 

@@ -187,9 +187,8 @@ def _first_point(problem: SpectralProblem, curves: Curves | None) -> Point | Non
     if curves is not None:
         for index, end in enumerate((transport.start, transport.goal)):
             if not end.held:
-                near = curves.y(np.array([float(index)]))
-                y = problem.ends.retract(index, near)
-                ends[index] = problem.ends.values(index, y)[0]
+                y = curves.y(np.array([float(index)]))[0]
+                ends[index] = problem.ends.values(index, ends[index].at, y) or ends[index]
     both = ends[0], ends[1]
     known = spline_at_nodes(coordinates.path.share, coordinates.path.q, count)
     if curves is not None:

@@ -91,9 +91,8 @@ def _end_curvature(
     problem: SpectralProblem, index: int, point: Point, gradient: np.ndarray
 ) -> np.ndarray:
     """Returns the curvature of the set of allowed end postures, (free, free)."""
-    p, duration = problem.p, problem.transport.duration
-    values = point.ends[index]
-    null = problem.ends.null(index, values.y)
+    p, values = problem.p, point.ends[index]
+    null = problem.ends.null(index, values)
     free = null.shape[1]
     rows = problem.rows_of_end(index, problem.motion_basis)
     along = sum(
@@ -107,14 +106,9 @@ def _end_curvature(
     ]
     step = _SECOND_STEP
     moves = np.array([step * (a * null[:, i] + b * null[:, j]) for i, j, a, b in pairs])
-    found = problem.ends.values(index, problem.ends.retract(index, values.y + moves))
-    height = np.array(
-        [
-            float(np.sum(along * np.array(value.motion(duration))))
-            + (0.0 if value.multiplier is None else float(along_force[0] @ value.multiplier))
-            for value in found
-        ]
-    )
+    at = problem.ends.retract(index, values.at, values.motion[0] + moves)
+    motion, force = problem.ends.taken(index, at)
+    height = (along * motion).sum(axis=(1, 2)) + (along_force * force).sum(axis=(1, 2))
     result = np.zeros((free, free))
     for (i, j, a, b), value in zip(pairs, height, strict=True):
         result[i, j] += a * b * value / (4.0 * step**2)

@@ -7,7 +7,7 @@ postures that leave the object where it shall be; its coordinates are unknowns o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,23 +28,14 @@ class EndValues:
     """What the polynomials take at one end.
 
     Attributes:
-        y: Independent joints, (p,).
-        rate: Their rates, (p,) [rad/s].
-        acceleration: Their accelerations where the end fixes them, (p,), else None.
-        multiplier: lambda where the end fixes it, (m,), else None.
+        at: Freedoms at the end's posture, one sample.
+        motion: y and as many of its derivatives in the share as the end fixes, (2 or 3, p).
+        force: lambda where the end fixes it, (1, m), else (0, m).
     """
 
-    y: np.ndarray
-    rate: np.ndarray
-    acceleration: np.ndarray | None
-    multiplier: np.ndarray | None
-
-    def motion(self, duration: float) -> list[np.ndarray]:
-        """Returns value, slope and second derivative per share of the duration."""
-        values = [self.y, duration * self.rate]
-        if self.acceleration is not None:
-            values.append(duration**2 * self.acceleration)
-        return values
+    at: Tangent
+    motion: np.ndarray
+    force: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +51,9 @@ class Ends:
     transport: Transport
     criterion: Criterion
     coordinates: Coordinates
+    _known: list[tuple[EndValues, tuple[np.ndarray, np.ndarray]] | None] = field(
+        default_factory=lambda: [None, None], repr=False
+    )
 
     @cached_property
     def conditions(self) -> tuple[EndConditions, EndConditions]:
@@ -95,15 +89,15 @@ class Ends:
         q = np.array([transport.start.posture, transport.goal.posture])
         at = tangent(chain, transport.joints, q, chain.dynamics.placements(q))
         taus = [self._prescribed_torque(index, at) for index in (0, 1)]
-        rate = np.array([end.rate for end in self.conditions])
-        tau = np.array(
-            [np.zeros(chain.n) if tau is None else tau[index] for index, tau in enumerate(taus)]
-        )
-        prescribed = any(tau is not None for tau in taus)
-        motion = self._accelerate(at, rate, tau) if prescribed else None
-        y = q[:, transport.joints.independent]
+        motion = None
+        if not all(tau is None for tau in taus):
+            tau = np.zeros(q.shape)
+            for index, given in enumerate(taus):
+                if given is not None:
+                    tau[index] = given[index]
+            motion = self._accelerate(at, np.array([end.rate for end in self.conditions]), tau)
         first, last = (
-            self._end_values(index, y, None if taus[index] is None else motion, index)
+            self._end_values(index, at, None if taus[index] is None else motion, index)
             for index in (0, 1)
         )
         return first, last
@@ -118,63 +112,101 @@ class Ends:
         v = matvec(at.s, rate)
         return accelerate(joints, at, v, inertial(chain, joints, at, v), tau)
 
-    def _end_values(self, index: int, y: np.ndarray, motion: Motion | None, k: int) -> EndValues:
+    def _end_values(self, index: int, at: Tangent, motion: Motion | None, k: int) -> EndValues:
         """Returns the k-th sample's values."""
-        end = self.conditions[index]
+        motions, forces = self._stacked(index, at, motion)
+        return EndValues(at.sample(k), motions[k], forces[k])
+
+    def _stacked(
+        self, index: int, at: Tangent, motion: Motion | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns what the polynomials take at K postures, (K, 2 or 3, p) and (K, 0 or 1, m)."""
+        end, independent = self.conditions[index], self.transport.joints.independent
+        duration, count = self.transport.duration, len(at.q)
+        y = at.q[:, independent]
+        parts = [y, np.broadcast_to(duration * end.rate, y.shape)]
         if motion is not None:
-            a = motion.a[k, self.transport.joints.independent]
-            return EndValues(y[k], end.rate, a, motion.multiplier[k])
-        rest = self.criterion.torque_is_state and end.end.torque_rule == "rest"
-        return EndValues(y[k], end.rate, np.zeros(len(y[k])) if rest else None, None)
+            parts.append(duration**2 * motion.a[:, independent])
+            return np.stack(parts, axis=1), motion.multiplier[:, None]
+        if self.criterion.torque_is_state and end.end.torque_rule == "rest":
+            parts.append(np.zeros_like(y))
+        return np.stack(parts, axis=1), np.zeros((count, 0, self.transport.chain.m))
 
-    def values(self, index: int, y: np.ndarray) -> list[EndValues]:
-        """Returns what the polynomials take at an end whose postures are y, (K, p)."""
-        end, motion = self.conditions[index], None
-        if self.criterion.torque_is_state and end.end.torque_rule not in ("free", "rest"):
-            at, _ = self.coordinates.tangent(np.full(len(y), end.share), y)
-            tau = self._prescribed_torque(index, at)
-            assert tau is not None
-            motion = self._accelerate(at, np.broadcast_to(end.rate, y.shape), tau)
-        return [self._end_values(index, y, motion, k) for k in range(len(y))]
+    def taken(self, index: int, at: Tangent) -> tuple[np.ndarray, np.ndarray]:
+        """Returns what the polynomials take at an end with K postures.
 
-    def retract(self, index: int, y: np.ndarray) -> np.ndarray:
-        """Returns postures y, (K, p), moved back to where the object is as prescribed."""
+        Shapes (K, 2 or 3, p) and (K, 0 or 1, m), see `EndValues`.
+        """
+        tau, motion = self._prescribed_torque(index, at), None
+        if tau is not None:
+            rate = np.broadcast_to(self.conditions[index].rate, (len(at.q), at.s.shape[2]))
+            motion = self._accelerate(at, rate, tau)
+        return self._stacked(index, at, motion)
+
+    def values(self, index: int, near: Tangent, y: np.ndarray) -> EndValues | None:
+        """Returns what the polynomials take at the allowed posture next to y, (p,).
+
+        None if there is none.
+
+        Args:
+            index: 0 for the start, 1 for the goal.
+            near: Freedoms at a posture nearby, one sample.
+            y: Independent joints.
+        """
+        at = self.retract(index, near, y[None])
+        if not np.all(np.isfinite(at.q)):
+            return None
+        motions, forces = self.taken(index, at)
+        return EndValues(at, motions[0], forces[0])
+
+    def retract(self, index: int, near: Tangent, y: np.ndarray) -> Tangent:
+        """Returns the freedoms at y, (K, p), moved back to where the object is as prescribed."""
         end = self.conditions[index]
         chain = self.transport.chain
         rows = end.task_rows
         for _ in range(8):
-            at, _ = self.coordinates.tangent(np.full(len(y), end.share), y)
+            at = self._closed(near, y)
             error = pose_error(chain, at.at, end.end.pose.position, end.end.pose.rotation)
             off = error @ rows[:, : error.shape[1]].T
-            if np.max(np.abs(off)) < 1e-13:
+            if not np.max(np.abs(off)) > 1e-13:
                 break
             jacobian = rows @ chain.object_jacobian(at.at) @ at.s
-            y = y - matvec(np.linalg.pinv(jacobian), off)
-        return y
+            y, near = y - matvec(np.linalg.pinv(jacobian), off), at
+        return at
+
+    def _closed(self, near: Tangent, y: np.ndarray) -> Tangent:
+        """Returns the freedoms at y, (K, p), closed along those nearby; NaN where that fails."""
+        chain, joints = self.transport.chain, self.transport.joints
+        guess = near.shifted(chain, joints, y)
+        guess[:, joints.independent] = y
+        q, at, closed = chain.close(guess, joints.dependent)
+        q[~closed] = np.nan
+        return tangent(chain, joints, q, at)
 
     def slopes(self, index: int, values: EndValues) -> tuple[np.ndarray, np.ndarray]:
-        """Returns derivatives of the end's values along its free postures.
+        """Returns derivatives of the end's values along its free postures; the last are kept.
 
         Shapes (values of the motion, p, free) and (values of the force, m, free).
         """
-        null = self.null(index, values.y)
-        moved = np.concatenate([values.y + _XI_STEP * null.T, values.y - _XI_STEP * null.T])
-        found = self.values(index, self.retract(index, moved))
-        free = null.shape[1]
-        motions = np.array([value.motion(self.transport.duration) for value in found])
-        motion = (motions[:free] - motions[free:]) / (2.0 * _XI_STEP)
-        force = np.zeros((0, self.transport.chain.m, free))
-        if values.multiplier is not None:
-            forces = np.array([value.multiplier for value in found])
-            force = ((forces[:free] - forces[free:]) / (2.0 * _XI_STEP)).T[None]
-        return motion.transpose(1, 2, 0), force
+        known = self._known[index]
+        if known is not None and known[0] is values:
+            return known[1]
+        null = self.null(index, values).T
+        y = values.at.q[:, self.transport.joints.independent]
+        # off the allowed postures by the same on both sides, which the difference does not see
+        at = self._closed(values.at, np.concatenate([y + _XI_STEP * null, y - _XI_STEP * null]))
+        free = len(null)
+        motion, force = (
+            ((part[:free] - part[free:]) / (2.0 * _XI_STEP)).transpose(1, 2, 0)
+            for part in self.taken(index, at)
+        )
+        self._known[index] = values, (motion, force)
+        return motion, force
 
-    def null(self, index: int, y: np.ndarray) -> np.ndarray:
+    def null(self, index: int, values: EndValues) -> np.ndarray:
         """Returns motions of y that leave the object where the end prescribes it, (p, free)."""
-        end = self.conditions[index]
-        chain = self.transport.chain
-        at, _ = self.coordinates.tangent(np.array([end.share]), y[None])
-        jacobian = end.task_rows @ chain.object_jacobian(at.at)[0] @ at.s[0]
+        rows, chain = self.conditions[index].task_rows, self.transport.chain
+        jacobian = rows @ chain.object_jacobian(values.at.at)[0] @ values.at.s[0]
         guess = self.null_guess[index]
         projected = guess - np.linalg.pinv(jacobian) @ (jacobian @ guess)
         orthonormal: np.ndarray = np.linalg.qr(projected)[0] if guess.size else projected

@@ -124,10 +124,10 @@ class SpectralProblem:
 
     def carried(self, ends: tuple[EndValues, EndValues]) -> tuple[np.ndarray, np.ndarray]:
         """Returns what motion and multiplier take at the ends, start first."""
-        duration = self.transport.duration
-        motion = np.array([*ends[0].motion(duration), *ends[1].motion(duration)])
-        forces = [end.multiplier for end in ends if end.multiplier is not None]
-        return motion, np.array(forces).reshape(len(forces), self.m)
+        return (
+            np.concatenate([end.motion for end in ends]),
+            np.concatenate([end.force for end in ends]),
+        )
 
     def _carried_at_nodes(self, ends: tuple[EndValues, EndValues]) -> tuple[np.ndarray, np.ndarray]:
         """Returns what the ends add to the motion, (3, K, p), and to the multiplier, (K, m)."""
@@ -311,16 +311,14 @@ class SpectralProblem:
 
     def moved(self, point: Point, move: np.ndarray) -> Point | None:
         """Returns the iterate after a step in the unknowns; None where it cannot be closed."""
-        ends = []
-        for index, place in ((0, self.places[2]), (1, self.places[3])):
-            values = point.ends[index]
-            if place.start != place.stop:
-                y = values.y + self.ends.null(index, values.y) @ move[place]
-                with np.errstate(all="ignore"):
-                    y = self.ends.retract(index, y[None])
-                    if not np.all(np.isfinite(y)):
-                        return None
-                    values = self.ends.values(index, y)[0]
-            ends.append(values)
+        ends = list(point.ends)
         with np.errstate(all="ignore"):
+            for index, place in ((0, self.places[2]), (1, self.places[3])):
+                if place.start != place.stop:
+                    near = point.ends[index]
+                    y = near.motion[0] + self.ends.null(index, near) @ move[place]
+                    values = self.ends.values(index, near.at, y)
+                    if values is None:
+                        return None
+                    ends[index] = values
             return self.evaluate(point.x + move, (ends[0], ends[1]), point.torques.tangent)
