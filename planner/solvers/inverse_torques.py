@@ -54,6 +54,14 @@ class Torques:
         own = self.load[:, 2] @ self.tangent.s
         return np.concatenate([self.derivatives.torque, own[:, None]], axis=1)
 
+    def pulled_back(self, weights: np.ndarray) -> np.ndarray:
+        """Returns the derivatives along y, dy/dt, d2y/dt2 of weights' tau, (K, N) to (K, 3, p)."""
+        row = weights[:, None, :]
+        result = np.empty((len(row), 3, self.tangent.s.shape[2]))
+        result[:, :2] = (row[:, None] @ self.derivatives.torque)[:, :, 0]
+        result[:, 2:] = (row @ self.load[:, 2]) @ self.tangent.s
+        return result
+
     @property
     def along_multiplier(self) -> np.ndarray:
         """Derivative of tau along lambda, -Gamma', (K, N, m)."""

@@ -18,8 +18,8 @@ def _contraction(
     criterion: Criterion, torques: Torques, along_torque: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
     """Returns the gradient along (y, dy/dt, d2y/dt2, lambda) at samples, (K, 3 p + m)."""
-    motion = along_torque[:, None, None, :] @ torques.along_motion
-    parts = [motion[:, order, 0] for order in range(3)]
+    motion = torques.pulled_back(along_torque)
+    parts = [motion[:, order] for order in range(3)]
     parts.append(matvec(transpose(torques.along_multiplier), along_torque))
     cost = criterion.state_cost
     if cost is not None:

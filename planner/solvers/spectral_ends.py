@@ -7,19 +7,21 @@ postures that leave the object where it shall be; its coordinates are unknowns o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from planner.boundary_conditions import EndConditions
+from planner.chain import CLOSURE_TOLERANCE
 from planner.constrained_dynamics import Motion, Tangent, accelerate, inertial, tangent
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
 from planner.posture_equations import pose_error
 from planner.transport import Transport
-from planner.vectors import matvec
+from planner.vectors import matvec, transpose
 
+_STEPS = 12
 _XI_STEP = 1e-5  # rad, differences along the free postures
 
 
@@ -153,26 +155,43 @@ class Ends:
             near: Freedoms at a posture nearby, one sample.
             y: Independent joints.
         """
-        at = self.retract(index, near, y[None])
+        try:
+            at = self.retract(index, near, y[None])
+        except np.linalg.LinAlgError:
+            return None
         if not np.all(np.isfinite(at.q)):
             return None
         motions, forces = self.taken(index, at)
         return EndValues(at, motions[0], forces[0])
 
     def retract(self, index: int, near: Tangent, y: np.ndarray) -> Tangent:
-        """Returns the freedoms at y, (K, p), moved back to where the object is as prescribed."""
+        """Returns the freedoms at y, (K, p), moved back to where the object is as prescribed.
+
+        Newton's method closes the chain and places the object at once, by the least change of y.
+        Postures are NaN where that fails.
+        """
         end = self.conditions[index]
-        chain = self.transport.chain
-        rows = end.task_rows
-        for _ in range(8):
-            at = self._closed(near, y)
-            error = pose_error(chain, at.at, end.end.pose.position, end.end.pose.rotation)
-            off = error @ rows[:, : error.shape[1]].T
-            if not np.max(np.abs(off)) > 1e-13:
+        chain, joints = self.transport.chain, self.transport.joints
+        pose, rows = end.end.pose, end.task_rows
+        q = near.shifted(chain, joints, y)
+        for _ in range(_STEPS):
+            at = tangent(chain, joints, q, chain.dynamics.placements(q))
+            gap = chain.gap(at.at)
+            off = pose_error(chain, at.at, pose.position, pose.rotation)
+            off = off @ rows[:, : off.shape[1]].T
+            if max(np.abs(gap).max(), np.abs(off).max()) < CLOSURE_TOLERANCE:
+                return at
+            jacobian = rows @ chain.object_jacobian(at.at)
+            step = np.zeros_like(q)
+            step[:, joints.dependent] = -matvec(at.inverse, gap)
+            change = jacobian @ at.s
+            # least norm; rows of the task are independent of each other
+            square = change @ transpose(change)
+            if not np.all(np.isfinite(square)):
                 break
-            jacobian = rows @ chain.object_jacobian(at.at) @ at.s
-            y, near = y - matvec(np.linalg.pinv(jacobian), off), at
-        return at
+            pull = np.linalg.solve(square, (off + matvec(jacobian, step))[..., None])
+            q = q + step - matvec(at.s, (transpose(change) @ pull)[..., 0])
+        return replace(at, q=np.full_like(q, np.nan))
 
     def _closed(self, near: Tangent, y: np.ndarray) -> Tangent:
         """Returns the freedoms at y, (K, p), closed along those nearby; NaN where that fails."""
