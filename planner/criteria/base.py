@@ -31,26 +31,40 @@ from planner.vectors import matvec
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Everything that the equations need at K states.
+    """Everything that the equations need at K states; derivatives once they are asked for.
 
     Attributes:
+        coordinates: Map from independent joints to closed postures.
         closed: Which samples could be closed, (K,).
         tau: Torques, (K, N) [Nm].
         motion: Accelerations and forces.
-        derivatives: Derivatives of inverse dynamics and closure.
-        gradient: Gradient of the Hamiltonian.
+        n2: Costates of the independent joints' accelerations, (K, p).
+        state_cost: Running cost on speed and posture, if any.
     """
 
+    coordinates: Coordinates
     closed: np.ndarray
     tau: np.ndarray
     motion: Motion
-    derivatives: InverseDerivatives
-    gradient: Gradient
+    n2: np.ndarray
+    state_cost: StateCost | None
 
     @property
     def tangent(self) -> Tangent:
         """Freedoms at the postures."""
         return self.motion.tangent
+
+    @cached_property
+    def derivatives(self) -> InverseDerivatives:
+        """Derivatives of the torques that the motion needs."""
+        motion, chain = self.motion, self.coordinates.chain
+        parts = motion.tangent, motion.v, motion.a, motion.multiplier
+        return inverse_derivatives(chain, self.coordinates.joints, *parts)
+
+    @cached_property
+    def gradient(self) -> Gradient:
+        """Gradient of the Hamiltonian."""
+        return hamiltonian_gradient(self.motion, self.derivatives, self.n2, self.state_cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +161,7 @@ class Criterion(ABC):
         else:
             tau = -torque_costate(at, terms.reduced, n2) / self.torque_weights
         motion = accelerate(joints, at, v, terms, tau)
-        derivatives = inverse_derivatives(chain, joints, at, v, motion.a, motion.multiplier)
-        gradient = hamiltonian_gradient(motion, derivatives, n2, self.state_cost)
-        return Evaluation(closed, tau, motion, derivatives, gradient)
+        return Evaluation(coordinates, closed, tau, motion, n2, self.state_cost)
 
     @abstractmethod
     def right_side(self, at: Evaluation, x: np.ndarray, independent: np.ndarray) -> np.ndarray:

@@ -160,6 +160,17 @@ def legendre_analysis(count: int, degree: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
+def legendre_fit(share: bytes, degree: int) -> np.ndarray:
+    """Returns the least-squares fit of Legendre coefficients to values at shares, (., K).
+
+    Args:
+        share: Shares of the duration, (K,), as bytes.
+        degree: Degree of the fit, below K.
+    """
+    return np.linalg.pinv(legendre_values(np.frombuffer(share), degree))
+
+
+@lru_cache(maxsize=64)
 def _spline_operator(knots: bytes, count: int) -> np.ndarray:
     share = np.frombuffer(knots)
     return CubicSpline(share, np.eye(len(share)))(gauss_nodes(count).u)

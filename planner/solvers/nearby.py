@@ -10,6 +10,7 @@ import numpy as np
 from planner.constrained_dynamics import Tangent
 from planner.errors import InputError
 from planner.independent_joints import choose_joints
+from planner.solvers.basis import legendre_fit
 from planner.solvers.curves import Curves
 from planner.transport import Transport
 from planner.vectors import cross
@@ -40,12 +41,11 @@ def fit_curves(
         degree: Degree, unless the samples are too few.
     """
     degree = min(degree, len(share) - 1)
-    points = 2.0 * share - 1.0
     if multiplier is None:
         multiplier = np.zeros((len(share), transport.chain.m))
     y = q[:, transport.joints.independent]
-    fit = np.polynomial.legendre.legfit
-    return Curves(fit(points, y, degree), fit(points, multiplier, degree))
+    fit = legendre_fit(np.asarray(share, dtype=float).tobytes(), degree)
+    return Curves(fit @ y, fit @ multiplier)
 
 
 def curves_of_plan(transport: Transport, plan: Plan) -> Curves:

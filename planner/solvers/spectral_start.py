@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.solvers.basis import fit_at_nodes
+from planner.solvers.basis import fit_at_nodes, legendre_at_nodes, legendre_on_grid
 from planner.solvers.curves import Curves
 from planner.solvers.spectral_ends import EndValues
 from planner.solvers.spectral_problem import SpectralProblem
@@ -27,22 +27,20 @@ def carry_over(problem: SpectralProblem, curves: Curves) -> np.ndarray:
 
     Other ends then bend the motion as little as their polynomial does, instead of in haste.
     """
-    ends = np.array([0.0, 1.0])
-    values = [curves.y(ends, order) for order in range(max(problem.motion_basis.ends))]
-    own = [
-        values[order][index]
-        for index in (0, 1)
-        for order in range(problem.motion_basis.ends[index])
-    ]
-    force_values = curves.multiplier(ends)
-    own_force = [force_values[index] for index in (0, 1) if problem.force_basis.ends[index]]
-    u = problem.nodes.u
-    places, result = problem.places, np.zeros(problem.size)
-    for place, key, basis_values, carried, wanted in (
-        (places[0], problem.motion_basis.key, problem.phi[0], own, curves.y(u)),
-        (places[1], problem.force_basis.key, problem.psi, own_force, curves.multiplier(u)),
+    count = len(problem.nodes.u)
+    result = np.zeros(problem.size)
+    for place, basis, basis_values, coefficients in (
+        (problem.places[0], problem.motion_basis, problem.phi[0], curves.motion),
+        (problem.places[1], problem.force_basis, problem.psi, curves.force),
     ):
-        skip = len(carried)
-        rest = wanted - (basis_values[:, :skip] @ np.array(carried) if skip else 0.0)
-        result[place] = (fit_at_nodes(*key, len(u)) @ rest).T.ravel()
+        degree = len(coefficients) - 1
+        rest = legendre_at_nodes(count, degree, 0) @ coefficients
+        if basis.conditions:
+            own = [
+                legendre_on_grid(2, degree, order)[index] @ coefficients
+                for index in (0, 1)
+                for order in range(basis.ends[index])
+            ]
+            rest -= basis_values[:, : basis.conditions] @ np.array(own)
+        result[place] = (fit_at_nodes(*basis.key, count) @ rest).T.ravel()
     return result
