@@ -6,8 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
-from planner.solvers.basis import basis_at_nodes, gauss_nodes, make_basis
+from planner.solvers.basis import (
+    basis_at_nodes,
+    fit_at_nodes,
+    gauss_nodes,
+    legendre_analysis,
+    legendre_at_nodes,
+    legendre_fit,
+    legendre_on_grid,
+    make_basis,
+    spline_at_nodes,
+)
 
 ENDS = [(0, 0), (1, 0), (2, 2), (3, 2), (2, 3), (3, 3), (0, 1)]
 
@@ -118,3 +129,44 @@ def test_operators_at_the_nodes_are_kept() -> None:
     u = gauss_nodes(34).u
     for order, values in enumerate(first):
         assert np.array_equal(values, make_basis(20, 2, 2, 3).values(u, order))
+
+
+def test_splines_and_fits_at_the_nodes_are_those_of_scipy_and_numpy() -> None:
+    share = np.sort(np.random.default_rng(0).uniform(0.05, 0.95, 12))
+    share[[0, -1]] = 0.0, 1.0
+    values = np.random.default_rng(1).normal(size=(12, 3))
+    u = gauss_nodes(17).u
+    wanted = CubicSpline(share, values)(u)
+    np.testing.assert_allclose(spline_at_nodes(share, values, 17), wanted, atol=1e-12)
+    fit = legendre_fit(share.tobytes(), 6) @ values
+    wanted = np.polynomial.legendre.legfit(2.0 * share - 1.0, values, 6)
+    np.testing.assert_allclose(fit, wanted, atol=1e-10)
+
+
+@pytest.mark.parametrize("order", [0, 1, 4])
+def test_legendre_values_are_those_of_numpy(order: int) -> None:
+    coefficients = np.random.default_rng(order).normal(size=(12, 2))
+    u = np.linspace(0.0, 1.0, 9)
+    derived = 2.0**order * np.polynomial.legendre.legder(coefficients, order)
+    wanted = np.polynomial.legendre.legval(2.0 * u - 1.0, derived).T
+    size = np.abs(wanted).max()
+    np.testing.assert_allclose(
+        legendre_on_grid(9, 11, order) @ coefficients, wanted, atol=1e-12 * size
+    )
+    nodes = gauss_nodes(14).u
+    wanted = np.polynomial.legendre.legval(2.0 * nodes - 1.0, derived).T
+    found = legendre_at_nodes(14, 11, order) @ coefficients
+    np.testing.assert_allclose(found, wanted, atol=1e-12 * size)
+
+
+def test_legendre_analysis_finds_a_polynomials_coefficients() -> None:
+    coefficients = np.random.default_rng(0).normal(size=(10, 2))
+    values = legendre_at_nodes(15, 9, 0) @ coefficients
+    np.testing.assert_allclose(legendre_analysis(15, 9) @ values, coefficients, atol=1e-12)
+
+
+def test_free_coefficients_are_found_from_values_at_the_nodes() -> None:
+    basis = make_basis(14, 2, 3, 3)
+    free = np.random.default_rng(0).normal(size=(basis.free, 2))
+    values = basis.values(gauss_nodes(20).u)[:, basis.conditions :] @ free
+    np.testing.assert_allclose(fit_at_nodes(*basis.key, 20) @ values, free, rtol=1e-8, atol=1e-8)

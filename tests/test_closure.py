@@ -252,3 +252,29 @@ def test_a_posture_out_of_reach_stays_open_and_leaves_the_others_alone(
     np.testing.assert_array_equal(closed, [True, False, True])
     gap = np.linalg.norm(chain.gap(chain.dynamics.placements(q[[0, 2]])), axis=1)
     assert np.max(gap) < 1e-11
+
+
+def test_wrench_and_multiplier_are_each_others_inverse(mechanism: Mechanism) -> None:
+    """What the pair transmits comes back; the power of the wrench is that of the multiplier."""
+    chain = mechanism.chain
+    states = random_states(mechanism, 3)
+    here = loop(mechanism, states.q)
+    multiplier = np.random.default_rng(0).normal(size=(3, chain.m))
+    np.testing.assert_allclose(here.multiplier(here.wrench(multiplier)), multiplier, atol=1e-13)
+    v = np.random.default_rng(1).normal(size=states.q.shape)
+    at = chain.dynamics.placements(states.q)
+    point, _ = chain.right_tip(at)
+    moving = at.columns[:, :3] + np.cross(at.columns[:, 3:], point[:, :, None], axis=1)
+    sense = np.where(np.arange(chain.n) < chain.left.n, -1.0, 1.0)
+    twist = np.concatenate([moving, at.columns[:, 3:]], axis=1) * sense @ v[..., None]
+    power = (here.wrench(multiplier) * twist[..., 0]).sum(axis=1)
+    own = np.einsum("km,kmi,ki->k", multiplier, here.jacobian(), v)
+    np.testing.assert_allclose(power, own, atol=1e-12)
+
+
+def test_a_single_sample_of_a_loop_is_that_of_its_posture(mechanism: Mechanism) -> None:
+    states = random_states(mechanism, 3)
+    alone, own = loop(mechanism, states.q).sample(1), loop(mechanism, states.q[1:2])
+    np.testing.assert_allclose(alone.jacobian(), own.jacobian(), atol=1e-14)
+    v = np.ones((1, mechanism.chain.n))
+    np.testing.assert_allclose(alone.bias(v), own.bias(v), atol=1e-13)

@@ -275,3 +275,26 @@ def test_a_stretched_arm_cannot_follow_the_other(human_arms: Mechanism) -> None:
     batch = following.freedoms(np.concatenate([q, human_arms.posture[None]]))
     alone = following.freedoms(human_arms.posture[None])
     np.testing.assert_allclose(batch.s[1], alone.s[0], rtol=1e-12)
+
+
+def test_shifted_postures_are_closed_to_second_order(mechanism: Mechanism) -> None:
+    """Half the step leaves an eighth of the gap; what gap there was is closed on the way."""
+    chain, joints = mechanism.chain, mechanism.joints
+    q = random_states(mechanism, 3).q
+    at = mechanism.freedoms(q)
+    way = np.random.default_rng(0).normal(size=(3, chain.p))
+
+    def gap(step: float) -> float:
+        moved = at.shifted(chain, joints, q[:, joints.independent] + step * way)
+        np.testing.assert_allclose(
+            moved[:, joints.independent], q[:, joints.independent] + step * way, atol=1e-14
+        )
+        return float(np.max(np.abs(chain.gap(chain.dynamics.placements(moved)))))
+
+    assert gap(0.0) < 1e-12
+    assert 6.0 < gap(2e-2) / gap(1e-2) < 10.0
+    opened = q.copy()
+    opened[:, joints.dependent] += 1e-5
+    there = mechanism.freedoms(opened)
+    closed = there.shifted(chain, joints, opened[:, joints.independent])
+    assert np.max(np.abs(chain.gap(chain.dynamics.placements(closed)))) < 1e-8

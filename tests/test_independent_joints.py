@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mechanisms import Mechanism, differences, mirrored, random_states
 
-from planner.independent_joints import Coordinates, choose_joints
+from planner.independent_joints import Coordinates, Path, choose_joints
 from planner.inverse_kinematics import find_posture
 from planner.posture_equations import ObjectPose
 
@@ -138,3 +138,25 @@ def test_number_of_freedoms(
         *{"revolute": (2, 4), "rigid": (3, 3)}[pair],
         2,
     )
+
+
+def test_a_known_motion_foresees_postures_beside_it(mechanism: Mechanism) -> None:
+    """With its freedoms it does so to second order, without them only on the motion itself."""
+    chain, joints = mechanism.chain, mechanism.joints
+    share = np.linspace(0.0, 1.0, 15)
+    way = np.sin(2.0 * share)[:, None] * np.linspace(0.05, 0.1, chain.p)
+    q = mechanism.shifted(np.repeat(mechanism.posture[None], 15, axis=0), way)
+    s = mechanism.freedoms(q).s
+    middle = 0.5 * (share[1:] + share[:-1])
+
+    def gap(path: Path, aside: float) -> float:
+        y = np.sin(2.0 * middle)[:, None] * np.linspace(0.05, 0.1, chain.p)
+        y = y + mechanism.posture[joints.independent] + aside
+        foreseen = path.near(joints, middle, y)
+        np.testing.assert_array_equal(foreseen[:, joints.independent], y)
+        return float(np.max(np.abs(chain.gap(chain.dynamics.placements(foreseen)))))
+
+    plain, better = Path(share, q), Path(share, q, s)
+    assert gap(plain, 0.0) < 1e-4
+    assert gap(better, 0.0) < 1e-4
+    assert gap(better, 0.01) < 0.1 * gap(plain, 0.01)
