@@ -150,17 +150,21 @@ class BoundaryValueProblem:
             x: States and costates, (K, 2 * state_size).
             closure: Bound on the gap between the hands [m, rad].
         """
+        evaluation = self._kept(share, x, closure)
+        if evaluation is None:
+            share, x = share.copy(), x.copy()  # what is kept must not change with the caller's
+            with np.errstate(all="ignore"):
+                evaluation = self.criterion.evaluate(self.coordinates.within(closure), share, x)
+            self._known = [(share, x, closure, evaluation), *self._known[:3]]
+        closed = evaluation.closed
+        self.lost = None if closed.all() else float(share[np.argmin(closed)])
+        return evaluation
+
+    def _kept(self, share: np.ndarray, x: np.ndarray, closure: float) -> Evaluation | None:
         for known_share, known_x, gap, evaluation in self._known:
             if gap <= closure and np.array_equal(known_x, x) and np.array_equal(known_share, share):
                 return evaluation
-        with np.errstate(all="ignore"):
-            evaluation = self.criterion.evaluate(self.coordinates.within(closure), share, x)
-        if evaluation.closed.all():
-            self.lost = None
-        else:
-            self.lost = float(share[np.argmin(evaluation.closed)])
-        self._known = [(share.copy(), x.copy(), closure, evaluation), *self._known[:3]]
-        return evaluation
+        return None
 
     def right_side(self, share: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Returns dz/ds, (., K); NaN where the chain cannot be closed."""

@@ -258,7 +258,8 @@ class ClosedChain:
                 q[open_], error[open_] = moved, new_error
                 _put(at, open_, new)
         size = np.abs(error).max(axis=1, initial=0.0)
-        return q, at, size < 100.0 * max(tolerance, CLOSURE_TOLERANCE)
+        # what round-off keeps from the last digits is closed all the same
+        return q, at, size < max(tolerance, 100.0 * CLOSURE_TOLERANCE)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

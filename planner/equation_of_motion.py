@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-_KEPT = 40  # batches whose arrays are kept
+_KEPT = 40  # batches whose arrays are kept,
+_SMALL = 600  # of no more samples than these
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,17 +78,24 @@ class EquationOfMotion:
     def __init__(self, model: pin.Model, left_joint: int, right_joint: int) -> None:
         self.model = model
         self.n = int(model.nv)
+        self._joints = left_joint, right_joint
         self._data = model.createData()
         self._left = self._data.oMi[left_joint]
         self._right = self._data.oMi[right_joint]
         self._batches: dict[tuple[str, int], _Batch] = {}
 
+    def __reduce__(self) -> tuple[type[EquationOfMotion], tuple[pin.Model, int, int]]:
+        """Copies get a work space of their own."""
+        return type(self), (self.model, *self._joints)
+
     def _batch(
         self, name: str, inputs: int, count: int, outputs: tuple[tuple[int, ...], ...]
     ) -> _Batch:
+        if count > _SMALL:  # making the views no longer counts, keeping them would
+            return _Batch(inputs, count, self.n, outputs)
         batch = self._batches.get((name, count))
         if batch is None:
-            if len(self._batches) > _KEPT:
+            if len(self._batches) >= _KEPT:
                 self._batches.clear()
             batch = self._batches[name, count] = _Batch(inputs, count, self.n, outputs)
         return batch

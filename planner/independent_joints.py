@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -34,44 +35,55 @@ def choose_joints(chain: ClosedChain, path: np.ndarray) -> Joints:
     if len(proposals) > 1:
         for dependent in proposals:
             values = np.linalg.svd(gamma[:, :, dependent], compute_uv=False)
-            # relative to the whole Jacobian's size, so that wholly singular choices rank last
             proposals[dependent] = float(np.min(values[:, -1]))
     best = max(proposals, key=lambda choice: proposals[choice])
     independent = [joint for joint in range(chain.n) if joint not in best]
     return Joints(np.array(independent, dtype=int), np.array(best, dtype=int))
 
 
-class Path:
+class KnownMotion:
     """A motion that is known: closed postures and, perhaps, the freedoms there.
 
     Attributes:
+        joints: Independent and dependent joints.
         share: Shares of the duration, increasing, (K,).
         q: Closed postures, (K, N) [rad].
         s: S = dq/dy there, (K, N, p); None if it is not known.
     """
 
-    def __init__(self, share: np.ndarray, q: np.ndarray, s: np.ndarray | None = None) -> None:
+    def __init__(
+        self, joints: Joints, share: np.ndarray, q: np.ndarray, s: np.ndarray | None = None
+    ) -> None:
+        self.joints = joints
         self.share = share
         self.q = q
         self.s = s
-        self._spline: CubicSpline | None = None
 
-    def near(self, joints: Joints, share: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Returns postures with independent joints y, (K, p), as the path foresees them, (K, N)."""
-        (m, p), count = (len(joints.dependent), len(joints.independent)), len(y)
-        if self._spline is None:
-            columns = [self.q[:, joints.dependent]]
-            if self.s is not None:
-                follow = self.s[:, joints.dependent].reshape(-1, m * p)
-                columns += [self.q[:, joints.independent], follow]
-            self._spline = CubicSpline(self.share, np.concatenate(columns, axis=1))
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        dependent, independent = self.joints.dependent, self.joints.independent
+        columns = [self.q[:, dependent]]
+        if self.s is not None:
+            follow = self.s[:, dependent].reshape(len(self.q), -1)
+            columns += [self.q[:, independent], follow]
+        return CubicSpline(self.share, np.concatenate(columns, axis=1))
+
+    def near(self, share: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Returns postures with independent joints y, (K, p), as the motion foresees them, (K, N).
+
+        Args:
+            share: Shares of the duration, (K,).
+            y: Independent joints [rad].
+        """
+        dependent, independent = self.joints.dependent, self.joints.independent
+        m, p, count = len(dependent), len(independent), len(y)
         values = self._spline(share)
         guess = np.empty((count, m + p))
-        guess[:, joints.independent] = y
-        guess[:, joints.dependent] = values[:, :m]
+        guess[:, independent] = y
+        guess[:, dependent] = values[:, :m]
         if self.s is not None:
             follow = values[:, m + p :].reshape(count, m, p)
-            guess[:, joints.dependent] += matvec(follow, y - values[:, m : m + p])
+            guess[:, dependent] += matvec(follow, y - values[:, m : m + p])
         return guess
 
 
@@ -79,13 +91,13 @@ class Coordinates:
     """The map phi along a motion: closed postures from independent joints.
 
     Closure has several solutions for the same y. The one wanted is near the last known motion,
-    which this object keeps as its only state.
+    which this object keeps.
 
     Attributes:
         chain: The closed chain.
         joints: Independent and dependent joints.
         tolerance: Bound on the gap that is left [m, rad].
-        path: The last known motion.
+        known: The last known motion.
     """
 
     def __init__(
@@ -95,7 +107,7 @@ class Coordinates:
         self.chain = chain
         self.joints = joints
         self.tolerance = CLOSURE_TOLERANCE
-        self.path = Path(share, q)
+        self.known = KnownMotion(joints, share, q)
 
     def close(self, share: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, Placements, np.ndarray]:
         """Returns q = phi(y) with placements, and which samples could be closed.
@@ -104,7 +116,7 @@ class Coordinates:
             share: Shares of the duration, (K,).
             y: Independent joints, (K, p) [rad].
         """
-        guess = self.path.near(self.joints, share, y)
+        guess = self.known.near(share, y)
         return self.chain.close(guess, self.joints.dependent, self.tolerance)
 
     def tangent(self, share: np.ndarray, y: np.ndarray) -> tuple[Tangent, np.ndarray]:
@@ -130,4 +142,4 @@ class Coordinates:
             q: The postures.
             s: S = dq/dy there, (K, N, p), if it is known: other y are then foreseen better.
         """
-        self.path = Path(share, q, s)
+        self.known = KnownMotion(self.joints, share, q, s)

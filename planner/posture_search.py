@@ -68,7 +68,9 @@ def newton(
         largest = float(np.abs(step).max())
         if solved and largest < _AT_REST:
             break
-        q = q + step * min(1.0, _LONGEST_STEP / max(largest, 1e-300))
+        before, q = q, q + step * min(1.0, _LONGEST_STEP / max(largest, 1e-300))
+    else:
+        q = before  # what was found out is true of this one
     within = bool(((q >= lower - 1e-9) & (q <= upper + 1e-9)).all())
     return q if solved and within and now.off_plane[0] < _OFF_PLANE else None
 

@@ -18,11 +18,14 @@ from planner.criteria import make_criterion
 from planner.outcome import Failure, failure
 from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import solve_collocation
+from planner.solvers.confirm import compare, confirm, spectral_outcome
+from planner.solvers.continuation import solve_by_continuation
 from planner.solvers.multistart import best_of_starts
-from planner.solvers.nearby import curves_of_plan, fit_curves, with_better_joints
-from planner.solvers.spectral import DEGREE_STEP, LAST_DEGREE, SpectralResult, minimise
+from planner.solvers.nearby import curves_of_plan
+from planner.solvers.search import is_usable, search, with_joints_chosen_anew
+from planner.solvers.spectral import SpectralResult
 from planner.solvers.squeeze import unbounded_squeeze
-from planner.solvers.warm_start import spectral_solution, warm_start
+from planner.solvers.warm_start import spectral_solution
 from planner.transport import Transport
 
 if TYPE_CHECKING:
@@ -32,11 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["solve"]
 
-_AGREEMENT = 1e-3
 _SINGULAR = 1e6
-_SWITCHES = 5
-_USABLE = 20.0  # times the tail allowed: what collocation can still start from
-_SHARPER = 0.03  # of the tail allowed, where costates alone give the torques
 
 
 def solve(
@@ -57,7 +56,6 @@ def solve(
     Raises:
         InputError: The plan to start from is of other arms.
     """
-    from planner.solvers.continuation import solve_by_continuation
     from planner.solvers.shooting import solve_shooting
 
     with one_blas_thread():
@@ -126,55 +124,11 @@ def solve_directly(
             lambda curves: search(scenario, problem, start=curves),
         )
     if result is not None:
-        problem, result = _with_better_joints(scenario, problem, result, progress)
+        problem, result = with_joints_chosen_anew(scenario, problem, result, progress)
     found = _finish(scenario, transport, problem, result, progress)
     if minima and isinstance(found, Solution):
         found = replace(found, evidence=found.evidence | minima)
     return found
-
-
-def search(scenario: Scenario, problem: BoundaryValueProblem, **how: Any) -> SpectralResult | None:
-    """Returns the motion of least cost as `minimise` finds it, to the scenario's tolerances.
-
-    Args:
-        scenario: What is asked.
-        problem: Its problem, whose coordinates remember the result.
-        how: Further arguments of `minimise`.
-    """
-    settings = {"tolerance": cost_tolerance(scenario), "tail": tail_tolerance(scenario)}
-    return minimise(problem.transport, problem.criterion, problem.coordinates, **(settings | how))
-
-
-def _with_better_joints(
-    scenario: Scenario,
-    problem: BoundaryValueProblem,
-    result: SpectralResult,
-    progress: ProgressCallback | None,
-) -> tuple[BoundaryValueProblem, SpectralResult]:
-    """Returns problem and result, with other independent joints where they help clearly.
-
-    On its way down a motion may change so much that the joints have to be chosen again and again.
-    """
-    for _ in range(_SWITCHES):
-        transport, u, point = problem.transport, result.problem.nodes.u, result.point
-        at = point.torques.tangent
-        better = with_better_joints(transport, u, at)
-        if better is None:
-            break
-        other = BoundaryValueProblem(better, problem.criterion)
-        again = search(
-            scenario,
-            other,
-            start=fit_curves(better, u, at.q, point.multiplier, result.degree),
-            degree=result.degree,
-            watch_joints=True,
-            progress=progress,
-        )
-        if again is None or (result.converged and not again.converged):
-            problem.coordinates.remember(u, at.q, at.s)
-            break
-        problem, result = other, again
-    return problem, result
 
 
 def _finish(
@@ -194,56 +148,22 @@ def _finish(
     if redundant and scenario.criterion.speed_cost == "auto" and not _converged(result):
         return _with_speed_cost(scenario, transport, problem, result, progress)
     if settings.method == "spectral":
-        return _spectral_outcome(scenario, problem, result)
-    usable = result is not None and _is_usable(scenario, result)
+        return spectral_outcome(scenario, problem, result)
+    usable = result is not None and is_usable(scenario, result)
     if not usable and (redundant or settings.start == "spectral"):
-        return _spectral_outcome(scenario, problem, result)
+        return spectral_outcome(scenario, problem, result)
     if result is not None and usable:
         found = confirm(scenario, problem, result, progress)
         if isinstance(found, Solution) or redundant or settings.start == "spectral":
             return found
     found = _from_line(scenario, transport, progress)
     if isinstance(found, Solution) and result is not None:
-        return _compare(scenario, found, result)
+        return compare(scenario, found, result)
     return found
-
-
-def cost_tolerance(scenario: Scenario) -> float:
-    """Returns the relative cost that the spectral method may leave on the table.
-
-    A thousandth of the residual that is accepted: costs are flat at the optimum.
-    """
-    return min(1e-3 * scenario.solver.tolerance, 1e-5)
-
-
-def tail_tolerance(scenario: Scenario) -> float:
-    """Returns the share of the highest coefficients at which the degree suffices.
-
-    The relative error of the cost is about its square: below 1e-6 at the default tolerance.
-    """
-    return min(max(7.0 * scenario.solver.tolerance, 1e-6), 2e-2)
 
 
 def _converged(result: SpectralResult | None) -> bool:
     return result is not None and result.converged
-
-
-def _is_usable(scenario: Scenario, result: SpectralResult) -> bool:
-    """Returns whether collocation, whose mesh adapts to layers, can start from a result."""
-    return result.converged or (result.settled and result.tail < _USABLE * tail_tolerance(scenario))
-
-
-def _from_line(
-    scenario: Scenario, transport: Transport, progress: ProgressCallback | None
-) -> Solution | Failure:
-    """Returns the boundary value solution that starts from the straight line."""
-    return solve_collocation(
-        make_problem(scenario, transport),
-        tolerance=scenario.solver.tolerance,
-        max_nodes=scenario.solver.max_nodes,
-        progress=progress,
-        scenario=scenario,
-    )
 
 
 def _with_speed_cost(
@@ -262,14 +182,14 @@ def _with_speed_cost(
     guess = make_problem(scenario, transport).straight_guess
     path = np.gradient(transport.guess, guess.share * transport.duration, axis=0)
     square = float(np.trapezoid((path**2).sum(axis=1), guess.share) * transport.duration)
-    last = _spectral_outcome(scenario, problem, result)
+    last = spectral_outcome(scenario, problem, result)
     for share in (0.01, 0.1, 1.0):
         speed_cost = float(f"{2.0 * share * guess.cost / max(square, 1e-9):.1e}")
         problem = make_problem(scenario, transport, speed_cost=speed_cost)
         result = search(scenario, problem, watch_joints=True, progress=progress)
         if result is None:
             continue
-        problem, result = _with_better_joints(scenario, problem, result, progress)
+        problem, result = with_joints_chosen_anew(scenario, problem, result, progress)
         if not result.converged:
             continue
         found: Solution | Failure
@@ -292,122 +212,14 @@ def _with_speed_cost(
     return last
 
 
-def _spectral_outcome(
-    scenario: Scenario, problem: BoundaryValueProblem, result: SpectralResult | None
+def _from_line(
+    scenario: Scenario, transport: Transport, progress: ProgressCallback | None
 ) -> Solution | Failure:
-    if result is None:
-        return failure(
-            "closure-lost",
-            "no start was found along which the chain stays closed from start to goal",
-            scenario,
-        )
-    if not result.converged:
-        return failure(
-            "no-descent",
-            f"the spectral method ended early: {result.message}",
-            scenario,
-            cost=result.cost,
-            degree=result.degree,
-            tail=result.tail,
-            decrease=result.decrease,
-        )
-    return spectral_solution(problem, result)
-
-
-def _sharpened(
-    scenario: Scenario,
-    problem: BoundaryValueProblem,
-    result: SpectralResult,
-    progress: ProgressCallback | None,
-) -> SpectralResult:
-    """Returns the result as finely resolved as collocation needs it to start from.
-
-    Costates are known less well than the motion. Where no torque is a state, they alone give the
-    torques, and what they are off by moves light links far.
-    """
-    tail = _SHARPER * tail_tolerance(scenario)
-    sharp = problem.criterion.torque_is_state or result.tail < tail
-    if sharp or result.degree + DEGREE_STEP > LAST_DEGREE:
-        return result
-    finer = search(
-        scenario,
-        problem,
-        tail=tail,
-        start=result.curves,
-        degree=result.degree + DEGREE_STEP,
-        progress=progress,
-    )
-    if finer is None or not finer.settled or finer.tail > result.tail:
-        return result
-    return replace(
-        finer,
-        iterations=result.iterations + finer.iterations,
-        seconds=result.seconds + finer.seconds,
-        refinements=result.refinements + finer.refinements,
-    )
-
-
-def confirm(
-    scenario: Scenario,
-    problem: BoundaryValueProblem,
-    result: SpectralResult,
-    progress: ProgressCallback | None,
-) -> Solution | Failure:
-    """Returns the boundary value solution that starts from the spectral one."""
-    result = _sharpened(scenario, problem, result, progress)
-    guess, _ = warm_start(problem, result, scenario.solver.tolerance)
-    if len(guess.share) > scenario.solver.max_nodes:
-        return failure(
-            "mesh-full",
-            f"the motion needs more nodes than solver.max_nodes = {scenario.solver.max_nodes}",
-            scenario,
-            nodes=len(guess.share),
-        )
-    found = solve_collocation(
-        problem,
+    """Returns the boundary value solution that starts from the straight line."""
+    return solve_collocation(
+        make_problem(scenario, transport),
         tolerance=scenario.solver.tolerance,
         max_nodes=scenario.solver.max_nodes,
-        guess=guess,
         progress=progress,
         scenario=scenario,
     )
-    if isinstance(found, Failure):
-        return found
-    found = replace(
-        found,
-        seconds=found.seconds + result.seconds,
-        refinements=result.refinements + found.refinements,
-    )
-    return _compare(scenario, found, result)
-
-
-def _compare(scenario: Scenario, found: Solution, result: SpectralResult) -> Solution | Failure:
-    """Returns the solution with both methods' agreement, or a failure where they differ.
-
-    Both are extremal; where the boundary value solution is dearer it is no minimum.
-    """
-    # a cost of nothing beside the guess's is none: such costs need not agree in their digits
-    least = 1e-9 * found.problem.straight_guess.cost
-    difference = (found.cost - result.cost) / max(abs(found.cost), least, 1e-300)
-    evidence = {
-        "spectral_cost": result.cost,
-        "agreement": abs(difference),
-        "spectral_iterations": float(result.iterations),
-        "spectral_degree": float(result.degree),
-    }
-    if difference > _AGREEMENT:
-        return failure(
-            "disagreement",
-            f"the boundary value solution costs {found.cost:.6g}, the direct one "
-            f"{result.cost:.6g}: the former is extremal but not the minimum",
-            scenario,
-            **evidence,
-        )
-    remarks = found.remarks
-    if difference < -_AGREEMENT:
-        remarks = (
-            *remarks,
-            f"the spectral method ended at a cost of {result.cost:.6g} ({result.message}); the "
-            f"boundary value solution is {found.cost:.6g}",
-        )
-    return replace(found, remarks=remarks, evidence=evidence)

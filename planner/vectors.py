@@ -48,17 +48,17 @@ def rotation_log(rotation: np.ndarray) -> np.ndarray:
     sine[..., 1] = rotation[..., 0, 2] - rotation[..., 2, 0]
     sine[..., 2] = rotation[..., 1, 0] - rotation[..., 0, 1]
     cosine = rotation[..., 0, 0] + rotation[..., 1, 1] + rotation[..., 2, 2] - 1.0
-    if np.any(cosine < -1.0):
-        # towards a half turn the axis is lost in the difference of the off-diagonal entries
-        from scipy.spatial.transform import Rotation
-
-        turns = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
-        return turns.reshape(rotation.shape[:-1])
     size = np.sqrt((sine * sine).sum(axis=-1))
     angle = np.arctan2(size, cosine)
     # both hold twice the sine: their quotient is 1/2 for no turn at all
     factor = np.where(size > 1e-9, angle / np.maximum(size, 1e-300), 0.5)
     result: np.ndarray = sine * factor[..., None]
+    far = cosine < -1.0
+    if far.any():
+        # towards a half turn the axis is lost in the difference of the off-diagonal entries
+        from scipy.spatial.transform import Rotation
+
+        result[far] = Rotation.from_matrix(rotation[far]).as_rotvec()
     return result
 
 

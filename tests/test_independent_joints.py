@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mechanisms import Mechanism, differences, mirrored, random_states
 
-from planner.independent_joints import Coordinates, Path, choose_joints
+from planner.independent_joints import Coordinates, KnownMotion, choose_joints
 from planner.inverse_kinematics import find_posture
 from planner.posture_equations import ObjectPose
 
@@ -149,14 +149,14 @@ def test_a_known_motion_foresees_postures_beside_it(mechanism: Mechanism) -> Non
     s = mechanism.freedoms(q).s
     middle = 0.5 * (share[1:] + share[:-1])
 
-    def gap(path: Path, aside: float) -> float:
+    def gap(known: KnownMotion, aside: float) -> float:
         y = np.sin(2.0 * middle)[:, None] * np.linspace(0.05, 0.1, chain.p)
         y = y + mechanism.posture[joints.independent] + aside
-        foreseen = path.near(joints, middle, y)
+        foreseen = known.near(middle, y)
         np.testing.assert_array_equal(foreseen[:, joints.independent], y)
         return float(np.max(np.abs(chain.gap(chain.dynamics.placements(foreseen)))))
 
-    plain, better = Path(share, q), Path(share, q, s)
+    plain, better = KnownMotion(joints, share, q), KnownMotion(joints, share, q, s)
     assert gap(plain, 0.0) < 1e-4
     assert gap(better, 0.0) < 1e-4
     assert gap(better, 0.01) < 0.1 * gap(plain, 0.01)

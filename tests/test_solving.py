@@ -18,8 +18,15 @@ from planner.planning import plan
 from planner.result import Plan
 from planner.scenario import Scenario
 from planner.solution import Refinement, Solution
+from planner.solvers import search as spectral_search
 from planner.solvers.continuation import solve_by_continuation
-from planner.solving import cost_tolerance, make_problem, search, solve, tail_tolerance
+from planner.solvers.search import (
+    cost_tolerance,
+    search,
+    tail_tolerance,
+    with_joints_chosen_anew,
+)
+from planner.solving import make_problem, solve
 
 URDF = Path(__file__).parents[1] / "urdf"
 COSTS = {"zero ends": ZERO_ENDS, "free end": 7.344975, "torque": TORQUE}
@@ -132,20 +139,20 @@ def test_closure_lost_along_a_line_that_the_arms_cannot_follow() -> None:
 
 
 def test_no_start_that_can_be_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solving, "minimise", lambda *_, **__: None)
+    monkeypatch.setattr(spectral_search, "minimise", lambda *_, **__: None)
     found = outcome({"solver.start": "spectral", "solver.max_nodes": 50})
     assert found.status == "closure-lost"
     assert_holds_no_motion(found)
 
 
 def test_no_descent(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = solving.minimise
+    real = spectral_search.minimise
 
     def ends_early(*given: Any, **settings: Any) -> Any:
         result = real(*given, **settings)
         return replace(result, converged=False, settled=False, message="too many steps")
 
-    monkeypatch.setattr(solving, "minimise", ends_early)
+    monkeypatch.setattr(spectral_search, "minimise", ends_early)
     scenario = human({"solver.start": "spectral"})
     found = solving.solve_directly(scenario, transport_of(scenario))
     assert isinstance(found, Failure)
@@ -161,13 +168,13 @@ def test_no_descent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
     """An extremal dearer than the direct method's motion is no minimum, and no plan."""
-    real = solving.minimise
+    real = spectral_search.minimise
 
     def cheaper(*given: Any, **settings: Any) -> Any:
         result = real(*given, **settings)
         return replace(result, cost=0.99 * result.cost)
 
-    monkeypatch.setattr(solving, "minimise", cheaper)
+    monkeypatch.setattr(spectral_search, "minimise", cheaper)
     scenario = human({"solver.start": "spectral"})
     found = solving.solve_directly(scenario, transport_of(scenario))
     assert isinstance(found, Failure)
@@ -177,13 +184,13 @@ def test_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_cheaper_extremal_is_a_plan_with_a_remark(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = solving.minimise
+    real = spectral_search.minimise
 
     def dearer(*given: Any, **settings: Any) -> Any:
         result = real(*given, **settings)
         return replace(result, cost=1.01 * result.cost)
 
-    monkeypatch.setattr(solving, "minimise", dearer)
+    monkeypatch.setattr(spectral_search, "minimise", dearer)
     found = plan(human())
     assert isinstance(found, Plan)
     assert any("spectral method ended at" in remark for remark in found.remarks)
@@ -275,7 +282,7 @@ def test_joints_are_chosen_anew_on_the_way_down() -> None:
     assert first is not None
     assert not first.settled
     assert "singular in its independent joints" in first.message
-    other, result = solving._with_better_joints(scenario, problem, first, None)
+    other, result = with_joints_chosen_anew(scenario, problem, first, None)
     assert result.converged, result.message
     assert result.cost < 230.0
     mine, its = problem.transport.joints.dependent, other.transport.joints.dependent
@@ -348,13 +355,13 @@ def test_what_is_advised_against_it_helps(remedy: dict[str, Any]) -> None:
 def test_every_spectral_solve_keeps_to_the_tolerances_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    real, seen = solving.minimise, []
+    real, seen = spectral_search.minimise, []
 
     def listen(*given: Any, **settings: Any) -> Any:
         seen.append((settings["tolerance"], settings["tail"]))
         return real(*given, **settings)
 
-    monkeypatch.setattr(solving, "minimise", listen)
+    monkeypatch.setattr(spectral_search, "minimise", listen)
     scenario = human({"solver.tolerance": 1e-6, "solver.starts": 3, "solver.max_nodes": 9000})
     asked = cost_tolerance(scenario), tail_tolerance(scenario)
     assert isinstance(plan(scenario), Plan)

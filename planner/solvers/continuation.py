@@ -20,6 +20,8 @@ from planner.criteria import make_criterion
 from planner.errors import InputError
 from planner.outcome import Failure
 from planner.solution import ProgressCallback, Solution
+from planner.solvers.confirm import confirm
+from planner.solvers.search import search
 from planner.solvers.spectral import SpectralResult
 from planner.solvers.warm_start import spectral_solution
 from planner.transport import Transport, make_transport
@@ -108,8 +110,6 @@ def solve_by_continuation(
         first: How the solve without continuation ended.
         progress: Called once per iteration or mesh.
     """
-    from planner.solving import confirm
-
     began = time.perf_counter()
     tried = []
     for family in families(scenario, transport):
@@ -167,7 +167,6 @@ def _follow(
 def _solve_member(
     scenario: Scenario, joints: Joints, curves: Curves | None, progress: ProgressCallback | None
 ) -> tuple[BoundaryValueProblem, SpectralResult] | None:
-    from planner.solving import search
 
     try:
         chain = build_chain(scenario)

@@ -42,6 +42,8 @@ def best_of_starts(
             found.append(result)
     good = sorted((one for one in found if one.converged), key=lambda one: one.cost)
     if not good:
+        if first is not None:
+            _remember(problem, first)
         return first, {}
     minima: list[dict[str, float]] = []
     for one in good:
@@ -50,6 +52,10 @@ def best_of_starts(
         else:
             minima.append({"cost": one.cost, "starts": 1})
     best = good[0]
-    at = best.point.torques.tangent
-    problem.coordinates.remember(best.problem.nodes.u, at.q, at.s)
+    _remember(problem, best)
     return best, {"local_minima": minima, "starts_converged": len(good), "starts": starts}
+
+
+def _remember(problem: BoundaryValueProblem, result: SpectralResult) -> None:
+    at = result.point.torques.tangent
+    problem.coordinates.remember(result.problem.nodes.u, at.q, at.s)

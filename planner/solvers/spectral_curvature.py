@@ -83,7 +83,9 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
     result = np.tensordot(whole, second @ whole, axes=((0, 1), (0, 1)))
     for index, place in ((0, problem.places[2]), (1, problem.places[3])):
         if place.start != place.stop:
-            result[place, place] += _end_curvature(problem, index, point, old)
+            bend = _end_curvature(problem, index, point, old)
+            if np.all(np.isfinite(bend)):  # not at the edge of what the arms reach
+                result[place, place] += bend
     return result
 
 

@@ -155,10 +155,7 @@ class Ends:
             near: Freedoms at a posture nearby, one sample.
             y: Independent joints.
         """
-        try:
-            at = self.retract(index, near, y[None])
-        except np.linalg.LinAlgError:
-            return None
+        at = self.retract(index, near, y[None])
         if not np.all(np.isfinite(at.q)):
             return None
         motions, forces = self.taken(index, at)
@@ -187,9 +184,12 @@ class Ends:
             change = jacobian @ at.s
             # least norm; rows of the task are independent of each other
             square = change @ transpose(change)
-            if not np.all(np.isfinite(square)):
+            try:
+                pull = np.linalg.solve(square, (off + matvec(jacobian, step))[..., None])
+            except np.linalg.LinAlgError:
                 break
-            pull = np.linalg.solve(square, (off + matvec(jacobian, step))[..., None])
+            if not np.all(np.isfinite(pull)):
+                break
             q = q + step - matvec(at.s, (transpose(change) @ pull)[..., 0])
         return replace(at, q=np.full_like(q, np.nan))
 

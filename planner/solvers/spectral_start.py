@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.solvers.basis import fit_at_nodes, legendre_at_nodes, legendre_on_grid
+from planner.solvers.basis import (
+    fit_at_nodes,
+    legendre_at_nodes,
+    legendre_on_grid,
+    spline_at_nodes,
+)
 from planner.solvers.curves import Curves
 from planner.solvers.spectral_ends import EndValues
-from planner.solvers.spectral_problem import SpectralProblem
+from planner.solvers.spectral_problem import Point, SpectralProblem
+
+_OPEN = 1e-4  # m, rad: left at the guess, which the first step leaves far behind
+_CLOSED = 1e-12  # m, rad: a start near the optimum is known as well as what improves on it
 
 
 def project(
@@ -44,3 +52,27 @@ def carry_over(problem: SpectralProblem, curves: Curves) -> np.ndarray:
             rest -= basis_values[:, : basis.conditions] @ np.array(own)
         result[place] = (fit_at_nodes(*basis.key, count) @ rest).T.ravel()
     return result
+
+
+def first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None:
+    """Returns the first iterate: nearest to given curves or the guess, or else the plainest."""
+    transport, coordinates = problem.transport, problem.coordinates
+    count = len(problem.nodes.u)
+    ends = list(problem.ends.guessed)
+    if curves is not None:
+        for index, end in enumerate((transport.start, transport.goal)):
+            if not end.held:
+                y = curves.y(np.array([float(index)]))[0]
+                ends[index] = problem.ends.values(index, ends[index].at, y) or ends[index]
+    both = ends[0], ends[1]
+    known = spline_at_nodes(coordinates.known.share, coordinates.known.q, count)
+    if curves is not None:
+        point = problem.evaluate(carry_over(problem, curves), both, known, _CLOSED)
+        if point is not None:
+            return point
+    path = known
+    if coordinates.known.q is not transport.guess:
+        path = spline_at_nodes(transport.share, transport.guess, count)
+    y = path[:, transport.joints.independent]
+    point = problem.evaluate(project(problem, both, y), both, known, _OPEN)
+    return point or problem.evaluate(np.zeros(problem.size), both, known)
