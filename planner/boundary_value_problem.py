@@ -238,13 +238,6 @@ class BoundaryValueProblem:
             result[place, rows] = (sides[: 2 * size] - sides[2 * size :]).T / (2.0 * step)
         return result[0], result[1]
 
-    def remember(self, share: np.ndarray, z: np.ndarray) -> None:
-        """Keeps the motion as the one near which closure is sought from now on."""
-        q, _, closed = self.coordinates.close(share, self.physical(z)[:, self.criterion.at_y])
-        if closed.all():
-            self.coordinates.remember(share, q)
-        self._known = []
-
     def cost_so_far(self) -> float:
         """Returns the cost on the last mesh that Newton's method used, by Simpson's rule."""
         if self._mesh is None:

@@ -98,7 +98,7 @@ class Motion:
 def tangent(chain: ClosedChain, joints: Joints, q: np.ndarray, at: Placements) -> Tangent:
     """Returns S and the closure Jacobian at closed postures, see `Tangent`.
 
-    A posture at which the dependent joints cannot follow gets infinite entries.
+    A posture at which the dependent joints cannot follow gets entries that are no numbers.
     """
     loop = chain.loop(at)
     gamma = loop.jacobian()
@@ -177,7 +177,7 @@ def pseudo_inverse_torque(
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Derivatives of the independent joints' accelerations (or of the multiplier, with m rows).
+    """Derivatives of the independent joints' accelerations.
 
     Attributes:
         along_y: (K, p, p).
@@ -254,25 +254,3 @@ def linearize(motion: Motion, derivatives: InverseDerivatives) -> Linearization:
     effect = motion.reduced @ transpose(motion.tangent.s)
     along = -effect[:, None] @ derivatives.torque
     return Linearization(along[:, 0], along[:, 1], effect)
-
-
-def linearize_multiplier(
-    joints: Joints, motion: Motion, derivatives: InverseDerivatives
-) -> Linearization:
-    """Returns the derivatives of the multiplier of eq. 2 instead, row by row of lambda.
-
-    Shapes (K, m, p), (K, m, p), (K, m, N).
-    """
-    at, dependent, linear = motion.tangent, joints.dependent, linearize(motion, derivatives)
-    inertia = motion.inertia @ at.s
-
-    def force(change: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        surplus = (inertia @ change + torque)[:, dependent]
-        result: np.ndarray = transpose(at.inverse) @ surplus
-        return result
-
-    return Linearization(
-        force(linear.along_y, derivatives.torque[:, 0]),
-        force(linear.along_rate, derivatives.torque[:, 1]),
-        force(linear.along_torque, -np.eye(at.s.shape[1])),
-    )

@@ -157,6 +157,7 @@ def test_scaling_there_and_back() -> None:
 def test_where_the_chain_cannot_close_the_equations_say_so() -> None:
     problem = problem_of(human())
     share, z = states_near_the_guess(problem, 5)
+    problem.right_side(share, z)
     assert problem.lost is None
     away = z.copy()
     # elbows turned back to back: whichever joints are independent, the hands cannot meet
@@ -168,6 +169,31 @@ def test_where_the_chain_cannot_close_the_equations_say_so() -> None:
     assert problem.lost == pytest.approx(share[2])
     problem.right_side(share, z)
     assert problem.lost is None
+    problem.right_side(share, away)
+    assert problem.lost == pytest.approx(share[2])
+
+
+def test_a_kept_evaluation_is_as_closed_as_asked_and_the_callers_array_his_own() -> None:
+    problem = problem_of(human())
+    share, z = states_near_the_guess(problem, 5)
+    x = problem.physical(z)
+    x[:, problem.criterion.at_y] += 0.01
+    chain = problem.transport.chain
+
+    def gap(closure: float) -> float:
+        at = problem.evaluate(share, x, closure).tangent.at
+        return float(np.max(np.abs(chain.gap(at))))
+
+    assert 1e-11 < gap(1e-3) < 1e-3
+    assert gap(1e-12) < 1e-11
+    assert gap(1e-3) < 1e-11, "the better of those kept"
+    asked = x.copy()
+    kept = problem.evaluate(share, x)
+    wanted = kept.tau.copy(), kept.n2.copy()
+    x[:] = 0.0
+    again = problem.evaluate(share, asked)
+    np.testing.assert_array_equal(again.tau, wanted[0])
+    np.testing.assert_array_equal(again.n2, wanted[1])
 
 
 def test_the_straight_guess_moves_the_object_along_the_line() -> None:
@@ -190,7 +216,7 @@ def test_remembered_motions_are_where_closure_is_sought() -> None:
     share, z = states_near_the_guess(problem, 6)
     y = problem.physical(z)[:, problem.criterion.at_y]
     q, _, _ = problem.coordinates.close(share, y)
-    problem.remember(share, z)
+    problem.coordinates.remember(share, q)
     again, _, closed = problem.coordinates.close(share, y)
     assert closed.all()
     assert np.allclose(again, q, atol=1e-10)

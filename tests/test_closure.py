@@ -278,3 +278,30 @@ def test_a_single_sample_of_a_loop_is_that_of_its_posture(mechanism: Mechanism) 
     np.testing.assert_allclose(alone.jacobian(), own.jacobian(), atol=1e-14)
     v = np.ones((1, mechanism.chain.n))
     np.testing.assert_allclose(alone.bias(v), own.bias(v), atol=1e-13)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_closed_means_as_close_as_asked(human_arms: Mechanism, tolerance: float) -> None:
+    """Whatever the guess: out of reach, near it, or closed by a step that just suffices."""
+    chain = human_arms.chain
+    guess = np.random.default_rng(0).uniform(-np.pi, np.pi, (2000, chain.n))
+    q, at, closed = chain.close(guess, np.array([2, 3]), tolerance)
+    gap = np.max(np.abs(chain.gap(chain.dynamics.placements(q))), axis=1)
+    np.testing.assert_allclose(np.max(np.abs(chain.gap(at)), axis=1), gap, atol=1e-12)
+    assert closed.any()
+    assert not closed.all()
+    assert np.max(gap[closed]) < tolerance
+    assert np.min(gap[~closed]) >= tolerance
+
+
+def test_closing_to_round_off_ends(mechanism: Mechanism) -> None:
+    """Asked for more digits than there are, it gives those there are."""
+    q, _, closed = mechanism.chain.close(
+        np.repeat(mechanism.posture[None], 50, axis=0)
+        + np.random.default_rng(0).uniform(-0.05, 0.05, (50, mechanism.chain.n)),
+        mechanism.joints.dependent,
+        1e-17,
+    )
+    assert closed.all()
+    gap = mechanism.chain.gap(mechanism.chain.dynamics.placements(q))
+    assert np.max(np.abs(gap)) < 1e-14

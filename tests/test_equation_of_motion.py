@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pinocchio as pin
 from mechanisms import Mechanism, random_states
@@ -38,8 +41,8 @@ def test_later_batches_leave_earlier_ones_alone(mechanism: Mechanism) -> None:
     kept = [values.copy() for values in (*vars(first).values(), *load)]
     dynamics.placements(states.q + 0.3)
     dynamics.inverse_dynamics_derivatives(states.q + 0.3, still + 1.0, still)
-    for values, copy in zip((*vars(first).values(), *load), kept, strict=True):
-        np.testing.assert_array_equal(values, copy)
+    for values, before in zip((*vars(first).values(), *load), kept, strict=True):
+        np.testing.assert_array_equal(values, before)
 
 
 def test_any_number_of_batch_sizes_may_be_asked_for(human_arms: Mechanism) -> None:
@@ -49,3 +52,14 @@ def test_any_number_of_batch_sizes_may_be_asked_for(human_arms: Mechanism) -> No
         q = np.repeat(human_arms.posture[None], count, axis=0)
         np.testing.assert_array_equal(dynamics.placements(q).columns[-1], alone)
     assert dynamics.placements(np.zeros((0, human_arms.chain.n))).columns.shape[0] == 0
+
+
+def test_a_copied_chain_computes_on_its_own(mechanism: Mechanism) -> None:
+    dynamics, q = mechanism.chain.dynamics, mechanism.posture[None]
+    wanted, torque = dynamics.placements(q), dynamics.inverse_dynamics(q, q, q)
+    for copied in (copy.deepcopy(dynamics), pickle.loads(pickle.dumps(dynamics))):
+        copied.placements(q + 0.5)
+        found = copied.placements(q)
+        for name, values in vars(wanted).items():
+            np.testing.assert_allclose(getattr(found, name), values, atol=1e-14)
+        np.testing.assert_allclose(copied.inverse_dynamics(q, q, q), torque, atol=1e-12)

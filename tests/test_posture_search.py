@@ -18,7 +18,7 @@ from planner import load
 from planner.assembly import build_chain
 from planner.chain import ClosedChain
 from planner.errors import UnreachableError
-from planner.inverse_kinematics import find_posture
+from planner.inverse_kinematics import _unwound, find_posture
 from planner.posture_equations import ObjectPose, jacobian, residual
 from planner.posture_search import closed_within_limits, nearest_within_limits
 from planner.transport import reference_posture
@@ -111,6 +111,23 @@ def test_whole_turns_are_taken_back() -> None:
         pose = ObjectPose(*object_at(chain, known))
         away = find_posture(chain, pose, reference, "k") - reference
         assert np.max(np.abs(away)) < 2.0 * np.pi
+
+
+def test_turns_are_taken_back_where_the_limits_allow() -> None:
+    """UR5 joints turn twice around; those of a Panda do not."""
+    chain = build_chain(load(URDF / "two_ur5" / "panel.toml"))
+    reference = np.zeros(chain.n)
+    lower, upper = chain.limits
+    known = np.random.default_rng(0).uniform(-0.5, 0.5, (3, chain.n))
+    wound = known + 2.0 * np.pi
+    allowed = (wound <= upper).all(axis=0) & (lower <= -np.pi)
+    assert allowed.any()
+    found = _unwound(chain, wound, reference)
+    np.testing.assert_allclose(found[:, allowed], known[:, allowed], atol=1e-12)
+    pandas = build_chain(load(URDF / "two_pandas" / "lift.toml"))
+    bent = np.clip(np.zeros(pandas.n), *pandas.limits)
+    bent[5] = 3.7  # a turn back would be below that joint's range
+    np.testing.assert_array_equal(_unwound(pandas, bent[None], np.zeros(pandas.n))[0], bent)
 
 
 def test_the_damped_walk_stays_within_the_limits(mechanism: Mechanism) -> None:
