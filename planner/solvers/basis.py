@@ -35,12 +35,9 @@ class Nodes:
 def gauss_nodes(count: int) -> Nodes:
     """Returns the `count` Gauss nodes with weights and differentiation matrix."""
     points, weights = legendre.leggauss(count)
-    vandermonde = legendre.legvander(points, count - 1)
-    return Nodes(
-        u=0.5 * (points + 1.0),
-        weights=0.5 * weights,
-        derivative=np.linalg.solve(vandermonde.T, _slopes(points, count - 1, 1).T).T,
-    )
+    u = 0.5 * (points + 1.0)
+    values, slopes = (legendre_values(u, count - 1, order) for order in (0, 1))
+    return Nodes(u, 0.5 * weights, np.linalg.solve(values.T, slopes.T).T)
 
 
 @lru_cache(maxsize=64)
@@ -70,11 +67,6 @@ def legendre_at_nodes(count: int, degree: int, order: int) -> np.ndarray:
 def legendre_on_grid(count: int, degree: int, order: int) -> np.ndarray:
     """Returns `legendre_values` at `count` evenly spaced points from 0 to 1."""
     return legendre_values(np.linspace(0.0, 1.0, count), degree, order)
-
-
-def _slopes(points: np.ndarray, degree: int, order: int) -> np.ndarray:
-    """Returns derivatives in u of Legendre's polynomials at points of [-1, 1], (K, degree + 1)."""
-    return legendre_values(0.5 * (points + 1.0), degree, order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +103,7 @@ class Basis:
 
     def values(self, u: np.ndarray, order: int = 0) -> np.ndarray:
         """Returns the polynomials' derivatives at u, (K, conditions + free)."""
-        return _slopes(2.0 * np.asarray(u) - 1.0, self.degree, order) @ self.coefficients
+        return legendre_values(np.asarray(u), self.degree, order) @ self.coefficients
 
 
 @lru_cache(maxsize=256)
@@ -126,8 +118,8 @@ def make_basis(degree: int, start: int, goal: int, smooth: int) -> Basis:
     """
     ends = np.vstack(
         [
-            *(_slopes(np.array([-1.0]), degree, order) for order in range(start)),
-            *(_slopes(np.array([1.0]), degree, order) for order in range(goal)),
+            *(legendre_values(np.array([0.0]), degree, order) for order in range(start)),
+            *(legendre_values(np.array([1.0]), degree, order) for order in range(goal)),
             np.zeros((0, degree + 1)),
         ]
     )
@@ -137,12 +129,11 @@ def make_basis(degree: int, start: int, goal: int, smooth: int) -> Basis:
     carrying[:count] = np.linalg.inv(ends[:, :count]) if count else np.zeros((0, 0))
     null = np.linalg.qr(ends.T, mode="complete")[0][:, count:] if count else np.eye(degree + 1)
     nodes = gauss_nodes(degree + 1)
-    points = 2.0 * nodes.u - 1.0
     root = np.sqrt(nodes.weights)[:, None]
-    slopes = root * (_slopes(points, degree, smooth) @ null)
+    slopes = root * (legendre_values(nodes.u, degree, smooth) @ null)
     size = np.abs(slopes).max() if slopes.size else 1.0
     # what the derivative does not see (low powers, where ends are free) is measured by value
-    plain = 1e-3 * size * root * (_slopes(points, degree, 0) @ null)
+    plain = 1e-3 * size * root * (legendre_values(nodes.u, degree) @ null)
     _, values, rows = np.linalg.svd(np.vstack([slopes, plain]), full_matrices=False)
     free = null @ rows.T / values
     # smooth ones first: decay along the columns then tells the resolution

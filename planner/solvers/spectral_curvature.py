@@ -79,7 +79,7 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
         both = np.concatenate([drag, s], axis=2)
         second[:, : 2 * p, : 2 * p] -= cost.speed * weight[..., None] * transpose(both) @ both
         second[:, :p, :p] -= cost.posture * weight[..., None] * transpose(s) @ s
-    whole = problem.unknowns_to_motion(point)
+    whole = _unknowns_to_motion(problem, point)
     result = np.tensordot(whole, second @ whole, axes=((0, 1), (0, 1)))
     for index, place in ((0, problem.places[2]), (1, problem.places[3])):
         if place.start != place.stop:
@@ -87,6 +87,26 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
             if np.all(np.isfinite(bend)):  # not at the edge of what the arms reach
                 result[place, place] += bend
     return result
+
+
+def _unknowns_to_motion(problem: SpectralProblem, point: Point) -> np.ndarray:
+    """Returns how (y, dy/dt, d2y/dt2, lambda) at the nodes depend on the unknowns.
+
+    Shape (K, 3 p + m, size).
+    """
+    count, p, m = len(problem.nodes.u), problem.p, problem.m
+    motion = np.zeros((count, 3, 3, p, p))
+    for order in range(3):
+        motion[:, order, order] = np.eye(p)
+    force = np.broadcast_to(np.eye(m), (count, m, m))
+    none = np.zeros((count, 3, m, p))
+    return np.concatenate(
+        [
+            problem.along_unknowns(point, motion.reshape(count, 3, 3 * p, p)),
+            problem.along_unknowns(point, none, 0, force),
+        ],
+        axis=1,
+    )
 
 
 def _end_curvature(

@@ -283,25 +283,6 @@ class SpectralProblem:
             result += self.derivative.T @ (of_rate**2 * point.slope)
         return result
 
-    def unknowns_to_motion(self, point: Point) -> np.ndarray:
-        """Returns how (y, dy/dt, d2y/dt2, lambda) at the nodes depend on the unknowns.
-
-        Shape (K, 3 p + m, size).
-        """
-        count, p, m = len(self.nodes.u), self.p, self.m
-        motion = np.zeros((count, 3, 3, p, p))
-        for order in range(3):
-            motion[:, order, order] = np.eye(p)
-        force = np.broadcast_to(np.eye(m), (count, m, m))
-        none = np.zeros((count, 3, m, p))
-        return np.concatenate(
-            [
-                self.along_unknowns(point, motion.reshape(count, 3, 3 * p, p)),
-                self.along_unknowns(point, none, 0, force),
-            ],
-            axis=1,
-        )
-
     def curves(self, point: Point) -> Curves:
         """Returns the iterate's polynomials."""
         motion, force = self.coefficients(point.x, point.ends)
