@@ -56,11 +56,10 @@ class Loop:
     turning: bool = True
     _known: list[Any] = field(default_factory=list, repr=False)
 
-    def sample(self, k: int) -> Loop:
-        """Returns the k-th sample alone."""
-        one = slice(k, k + 1)
-        linear, angular = self.linear[:, one], self.angular[:, one]
-        return Loop(linear, angular, self.frame[one], self.blocked, self.order, self.turning)
+    def part(self, some: slice) -> Loop:
+        """Returns some of the samples."""
+        linear, angular = self.linear[:, some], self.angular[:, some]
+        return Loop(linear, angular, self.frame[some], self.blocked, self.order, self.turning)
 
     def _rows(self, linear: np.ndarray, angular: np.ndarray | None) -> np.ndarray:
         """Returns blocked rows of per-joint vectors, (5, K, N) twice to (K, m, N)."""

@@ -54,12 +54,11 @@ class Tangent:
     inverse: np.ndarray
     s: np.ndarray
 
-    def sample(self, k: int) -> Tangent:
-        """Returns the k-th sample alone."""
-        one = slice(k, k + 1)
-        place = Placements(*(getattr(self.at, name)[one] for name in vars(self.at)))
-        parts = self.gamma[one], self.inverse[one], self.s[one]
-        return Tangent(self.q[one], place, self.loop.sample(k), *parts)
+    def part(self, some: slice) -> Tangent:
+        """Returns some of the samples."""
+        place = Placements(*(values[some] for values in vars(self.at).values()))
+        rest = self.gamma[some], self.inverse[some], self.s[some]
+        return Tangent(self.q[some], place, self.loop.part(some), *rest)
 
     def shifted(self, chain: ClosedChain, joints: Joints, y: np.ndarray) -> np.ndarray:
         """Returns postures with other independent joints, (K, p), closed to second order, (K, N).

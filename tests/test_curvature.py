@@ -7,7 +7,7 @@ import pytest
 from mechanisms import Mechanism, difference, differences, random_states, relative_error
 
 from planner.costates import StateCost
-from planner.criteria import Criterion, Mixed, Torque, TorqueChange, make_criterion
+from planner.criteria import Criterion, Mixed, Torque, TorqueChange, curvature, make_criterion
 from planner.independent_joints import Coordinates
 
 # second derivatives are forward differences, some 7e-6 off: Newton's method needs no more
@@ -68,6 +68,18 @@ def test_jacobian_is_the_derivative_of_the_equations(mechanism: Mechanism, kind:
             else:
                 assert np.max(np.abs(mine)) < 1e-6, (rows, columns)
     assert compared == {"torque-change": 15, "regular": 15, "mixed": 16, "torque": 11}[kind]
+
+
+def test_states_are_taken_in_blocks_of_any_size(
+    mechanism: Mechanism, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    criterion = criteria(mechanism)["regular"]
+    coordinates, x = situation(mechanism, criterion)
+    at = criterion.evaluate(coordinates, SHARE, x)
+    whole = criterion.jacobian(coordinates, at, x, 1.0)
+    for size in (1, 4 * mechanism.chain.p):
+        monkeypatch.setattr(curvature, "_BLOCK", size)
+        np.testing.assert_allclose(criterion.jacobian(coordinates, at, x, 1.0), whole, rtol=1e-7)
 
 
 @pytest.mark.parametrize("kind", KINDS)

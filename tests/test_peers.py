@@ -130,3 +130,12 @@ def test_pandas_agree(tmp_path: Path) -> None:
     assert solved(scenario).cost == pytest.approx(PANDA_COST, rel=1e-8)
     plan = planner.plan(scenario).unwrap()
     assert plan.cost == pytest.approx(PANDA_COST, rel=1e-5)
+
+
+@pytest.mark.parametrize("joints", [2, 3, 4])
+def test_pairs_of_ever_more_joints_are_solved(tmp_path: Path, joints: int) -> None:
+    """Three joints: gains near the optimum were once lost in the gap that iterates leave."""
+    criterion = {"kind": "torque-change", "weights": "effort", "speed_cost": 0.5}
+    scenario = planar_pair(tmp_path, joints, joints, criterion=criterion)
+    found = planner.plan(scenario.override({"solver.method": "spectral"})).unwrap()
+    assert found.cost == pytest.approx(solved(scenario).cost, rel=1e-6)

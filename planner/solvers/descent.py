@@ -15,6 +15,7 @@ from planner.solvers.trust_region import newton_step, reduce_model, trust_region
 _MAX_STEPS = 80
 _FIRST_RADIUS = 8.0  # root mean square change of postures and speeds, rad and rad per duration
 _LEAST_RADIUS = 1e-9
+_FINE = 1e-3  # of the cost: gains below it would be lost in what gap an iterate leaves
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
 _SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
 
@@ -121,4 +122,6 @@ def descend(
         if not exact and ((step >= 2 and pace > _SLOW and relative < 0.3) or best.ratio < 0.25):
             exact = True
         before = relative
+        if relative < _FINE:
+            point = problem.closed(point)
     return point, relative, _MAX_STEPS, "too many steps"

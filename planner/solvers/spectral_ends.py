@@ -117,7 +117,7 @@ class Ends:
     def _end_values(self, index: int, at: Tangent, motion: Motion | None, k: int) -> EndValues:
         """Returns the k-th sample's values."""
         motions, forces = self._stacked(index, at, motion)
-        return EndValues(at.sample(k), motions[k], forces[k])
+        return EndValues(at.part(slice(k, k + 1)), motions[k], forces[k])
 
     def _stacked(
         self, index: int, at: Tangent, motion: Motion | None

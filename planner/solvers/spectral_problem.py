@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from planner.chain import CLOSURE_TOLERANCE
 from planner.constrained_dynamics import Tangent, tangent
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
@@ -187,6 +188,13 @@ class SpectralProblem:
         if not np.isfinite(cost):
             return None
         return Point(x, ends, torques, rate, acceleration, multiplier, slope, cost)
+
+    def closed(self, point: Point) -> Point:
+        """Returns the same iterate with the hands together to the last digits."""
+        at = point.torques.tangent
+        if np.abs(self.transport.chain.gap(at.at)).max() < CLOSURE_TOLERANCE:
+            return point
+        return self.evaluate(point.x, point.ends, at, CLOSURE_TOLERANCE) or point
 
     def _cost(self, torques: Torques, slope: np.ndarray) -> float:
         criterion = self.criterion

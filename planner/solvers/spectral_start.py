@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner.chain import CLOSURE_TOLERANCE
 from planner.solvers.basis import (
     fit_at_nodes,
     legendre_at_nodes,
@@ -15,7 +16,6 @@ from planner.solvers.spectral_ends import EndValues
 from planner.solvers.spectral_problem import Point, SpectralProblem
 
 _OPEN = 1e-4  # m, rad: left at the guess, which the first step leaves far behind
-_CLOSED = 1e-12  # m, rad: a start near the optimum is known as well as what improves on it
 
 
 def project(
@@ -67,7 +67,7 @@ def first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None
     both = ends[0], ends[1]
     known = spline_at_nodes(coordinates.known.share, coordinates.known.q, count)
     if curves is not None:
-        point = problem.evaluate(carry_over(problem, curves), both, known, _CLOSED)
+        point = problem.evaluate(carry_over(problem, curves), both, known, CLOSURE_TOLERANCE)
         if point is not None:
             return point
     path = known
