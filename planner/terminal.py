@@ -164,9 +164,9 @@ def _at(unit: str, time: float) -> str:
 
 def _effort(solver: dict[str, object]) -> str:
     parts = [f"{solver.get('method', 'solve')} {solver.get('seconds', 0.0):.3f} s"]
-    for key, name in (("nodes", "nodes"), ("iterations", "Newton iterations")):
+    for key, name in (("nodes", "node"), ("iterations", "Newton iteration")):
         if solver.get(key) is not None:
-            parts.append(f"{solver[key]} {name}")
+            parts.append(f"{solver[key]} {name}{'' if solver[key] == 1 else 's'}")
     return ", ".join(parts)
 
 
