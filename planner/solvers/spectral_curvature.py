@@ -103,7 +103,7 @@ def _unknowns_to_motion(problem: SpectralProblem, point: Point) -> np.ndarray:
     return np.concatenate(
         [
             problem.along_unknowns(point, motion.reshape(count, 3, 3 * p, p)),
-            problem.along_unknowns(point, none, 0, force),
+            problem.along_unknowns(point, none, force),
         ],
         axis=1,
     )

@@ -209,7 +209,6 @@ class SpectralProblem:
         self,
         point: Point,
         along_motion: np.ndarray,
-        first: int = 0,
         along_multiplier: np.ndarray | None = None,
     ) -> np.ndarray:
         """Returns how quantities at the nodes depend on the unknowns, (K, R, size).
@@ -217,12 +216,11 @@ class SpectralProblem:
         Args:
             point: The iterate.
             along_motion: Their derivatives along y and its rates, (K, orders, R, p).
-            first: Order of the first of these rates: 0 for y itself.
             along_multiplier: Their derivatives along the multiplier, (K, R, m), if any.
         """
         count, orders, rows, p = along_motion.shape
         skip, skip_force = self.motion_basis.conditions, self.force_basis.conditions
-        phi = self.phi[first : first + orders].transpose(1, 0, 2)
+        phi = self.phi[:orders].transpose(1, 0, 2)
         result = np.zeros((count, rows, self.size))
         places = self.places
         flat = along_motion.reshape(count, orders, rows * p).transpose(0, 2, 1)
@@ -259,7 +257,7 @@ class SpectralProblem:
     def normal_equations(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Returns gradient, (size,), and Gauss-Newton matrix, (size, size)."""
         criterion, torques = self.criterion, point.torques
-        design = self.along_unknowns(point, torques.along_motion, 0, torques.along_multiplier)
+        design = self.along_unknowns(point, torques.along_motion, torques.along_multiplier)
         count, size = len(self.nodes.u), self.size
         of_torque, of_rate = self._roots
         parts = []
