@@ -109,17 +109,12 @@ class ClosedChain:
 
     def right_tip(self, at: Placements) -> tuple[np.ndarray, np.ndarray]:
         """Returns the right hand's position, (K, 3) [m], and rotation, (K, 3, 3)."""
-        tip = self.right.tip_placement
-        return (
-            at.right_translation + at.right_rotation @ tip.translation,
-            at.right_rotation @ tip.rotation,
-        )
+        return self._right_point(at), at.right_rotation @ self._tip[1]
 
     def grasp_pose(self, at: Placements) -> tuple[np.ndarray, np.ndarray]:
         """Returns where the object wants the right hand: position (K, 3) and rotation."""
-        position, rotation = self.object_pose(at)
-        grasp = self.grasp_in_object
-        return position + rotation @ grasp.translation, rotation @ grasp.rotation
+        place, turn = self._grasp
+        return at.left_translation + at.left_rotation @ place, at.left_rotation @ turn
 
     @cached_property
     def _grasp(self) -> tuple[np.ndarray, np.ndarray]:
@@ -140,11 +135,8 @@ class ClosedChain:
 
     def gap(self, at: Placements) -> np.ndarray:
         """Returns the closure g(q) (eq. 1), zero where both hands hold the object, (K, m)."""
-        place, turn = self._grasp
-        apart = self._right_point(at)
-        apart -= at.left_translation
-        apart -= at.left_rotation @ place
-        return self.pair.gap(at.left_rotation @ turn, apart, at.right_rotation @ self._tip[1])
+        (wanted, frame), (point, rotation) = self.grasp_pose(at), self.right_tip(at)
+        return self.pair.gap(frame, point - wanted, rotation)
 
     @cached_property
     def _order(self) -> LoopOrder:
@@ -241,7 +233,7 @@ class ClosedChain:
                 break
             # a step more does no harm where it is not needed, and picking samples costs as much
             everywhere = 2 * len(open_) > len(q) and bool(np.isfinite(size).all())
-            part, wrong = (at, error) if everywhere else (_take(at, open_), error[open_])
+            part, wrong = (at, error) if everywhere else (at.part(open_), error[open_])
             step = _solve(self.closure_columns(part, dependent), wrong)
             largest = np.abs(step).max(axis=1)
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
@@ -270,10 +262,6 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return matvec(np.linalg.pinv(matrix), right)
 
 
-def _take(at: Placements, index: np.ndarray) -> Placements:
-    return Placements(*(getattr(at, name)[index] for name in at.__dataclass_fields__))
-
-
 def _put(at: Placements, index: np.ndarray, part: Placements) -> None:
-    for name in at.__dataclass_fields__:
-        getattr(at, name)[index] = getattr(part, name)
+    for values, new in zip(vars(at).values(), vars(part).values(), strict=True):
+        values[index] = new

@@ -56,9 +56,8 @@ class Tangent:
 
     def part(self, some: slice) -> Tangent:
         """Returns some of the samples."""
-        place = Placements(*(values[some] for values in vars(self.at).values()))
         rest = self.gamma[some], self.inverse[some], self.s[some]
-        return Tangent(self.q[some], place, self.loop.part(some), *rest)
+        return Tangent(self.q[some], self.at.part(some), self.loop.part(some), *rest)
 
     def shifted(self, chain: ClosedChain, joints: Joints, y: np.ndarray) -> np.ndarray:
         """Returns postures with other independent joints, (K, p), closed to second order, (K, N).

@@ -34,6 +34,10 @@ class Placements:
     right_rotation: np.ndarray
     right_translation: np.ndarray
 
+    def part(self, some: slice | np.ndarray) -> Placements:
+        """Returns some of the samples."""
+        return Placements(*(values[some] for values in vars(self).values()))
+
 
 class _Batch:
     """Arrays for the samples of one batch, with views of every sample.

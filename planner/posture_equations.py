@@ -85,10 +85,8 @@ def residual(
     """
     at = chain.dynamics.placements(q)
     is_position, is_rotation = chain.object_pose(at)
-    grasp = chain.grasp_in_object
-    frame = is_rotation @ grasp.rotation
-    tip, tip_rotation = chain.right_tip(at)
-    apart = tip - is_position - is_rotation @ grasp.translation
+    (wanted, frame), (tip, tip_rotation) = chain.grasp_pose(at), chain.right_tip(at)
+    apart = tip - wanted
     off = is_position - position
     rows = chain.task_rows(rotation is not None)
     task, closure = off @ rows[:, :3].T, chain.pair.gap(frame, apart, tip_rotation)

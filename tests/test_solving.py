@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -145,14 +146,15 @@ def test_no_start_that_can_be_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_holds_no_motion(found)
 
 
-def test_no_descent(monkeypatch: pytest.MonkeyPatch) -> None:
+def alter(monkeypatch: pytest.MonkeyPatch, change: Callable[[Any], Any]) -> None:
+    """Changes what the spectral method returns."""
     real = spectral_search.minimise
+    monkeypatch.setattr(spectral_search, "minimise", lambda *a, **b: change(real(*a, **b)))
 
-    def ends_early(*given: Any, **settings: Any) -> Any:
-        result = real(*given, **settings)
-        return replace(result, converged=False, settled=False, message="too many steps")
 
-    monkeypatch.setattr(spectral_search, "minimise", ends_early)
+def test_no_descent(monkeypatch: pytest.MonkeyPatch) -> None:
+    early = {"converged": False, "settled": False, "message": "too many steps"}
+    alter(monkeypatch, lambda result: replace(result, **early))
     scenario = human({"solver.start": "spectral"})
     found = solving.solve_directly(scenario, transport_of(scenario))
     assert isinstance(found, Failure)
@@ -168,13 +170,7 @@ def test_no_descent(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
     """An extremal dearer than the direct method's motion is no minimum, and no plan."""
-    real = spectral_search.minimise
-
-    def cheaper(*given: Any, **settings: Any) -> Any:
-        result = real(*given, **settings)
-        return replace(result, cost=0.99 * result.cost)
-
-    monkeypatch.setattr(spectral_search, "minimise", cheaper)
+    alter(monkeypatch, lambda result: replace(result, cost=0.99 * result.cost))
     scenario = human({"solver.start": "spectral"})
     found = solving.solve_directly(scenario, transport_of(scenario))
     assert isinstance(found, Failure)
@@ -184,13 +180,7 @@ def test_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_cheaper_extremal_is_a_plan_with_a_remark(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = spectral_search.minimise
-
-    def dearer(*given: Any, **settings: Any) -> Any:
-        result = real(*given, **settings)
-        return replace(result, cost=1.01 * result.cost)
-
-    monkeypatch.setattr(spectral_search, "minimise", dearer)
+    alter(monkeypatch, lambda result: replace(result, cost=1.01 * result.cost))
     found = plan(human())
     assert isinstance(found, Plan)
     assert any("spectral method ended at" in remark for remark in found.remarks)

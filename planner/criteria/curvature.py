@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.constrained_dynamics import Tangent, accelerate, inertial, inverse_derivatives, tangent
-from planner.costates import StateCost, hamiltonian_gradient
+from planner.costates import hamiltonian_gradient
 from planner.criteria.base import Evaluation
-from planner.independent_joints import Coordinates
 from planner.vectors import matvec, transpose
 
 _BLOCK = 600  # samples at a time: what fits into the processor's cache
@@ -37,30 +36,18 @@ class Curvature:
     y_tau: np.ndarray
 
 
-def hamiltonian_curvature(
-    coordinates: Coordinates,
-    at: Evaluation,
-    rate: np.ndarray,
-    n2: np.ndarray,
-    state_cost: StateCost | None,
-    rate_step: float,
-) -> Curvature:
+def hamiltonian_curvature(at: Evaluation, rate: np.ndarray, rate_step: float) -> Curvature:
     """Returns the Hamiltonian's second derivatives at K states.
 
     Args:
-        coordinates: Map from independent joints to closed postures.
         at: The states' evaluation.
         rate: dy/dt, (K, p) [rad/s].
-        n2: Costates of the accelerations, (K, p).
-        state_cost: Running cost on speed and posture, if any.
         rate_step: Difference along dy/dt [rad/s]; exact at any size, best near the rates' own.
     """
     count, p = rate.shape
     size = max(1, _BLOCK // (2 * p))
-    blocks = [
-        _block(coordinates, at, rate, n2, state_cost, rate_step, slice(low, low + size))
-        for low in range(0, count, size)
-    ]
+    parts = (slice(low, low + size) for low in range(0, count, size))
+    blocks = [_block(at, rate, rate_step, part) for part in parts]
     if len(blocks) == 1:
         return blocks[0]
     names = Curvature.__dataclass_fields__
@@ -69,17 +56,9 @@ def hamiltonian_curvature(
     )
 
 
-def _block(
-    coordinates: Coordinates,
-    at: Evaluation,
-    rate: np.ndarray,
-    n2: np.ndarray,
-    state_cost: StateCost | None,
-    rate_step: float,
-    part: slice,
-) -> Curvature:
+def _block(at: Evaluation, rate: np.ndarray, rate_step: float, part: slice) -> Curvature:
     """Returns the second derivatives at some of the states."""
-    chain, joints = coordinates.chain, coordinates.joints
+    chain, joints = at.coordinates.chain, at.coordinates.joints
     base, old, rate = at.tangent.part(part), at.gradient, rate[part]
     count, p = rate.shape
     moved = base.q[None] + STEP * base.s.transpose(2, 0, 1)
@@ -90,10 +69,10 @@ def _block(
     for joint in range(p):
         rates[1, joint, :, joint] += rate_step
     v = matvec(both.s, rates.reshape(-1, p))
-    tau, costate = _repeat(at.tau[part], 2 * p), _repeat(n2[part], 2 * p)
+    tau, costate = _repeat(at.tau[part], 2 * p), _repeat(at.n2[part], 2 * p)
     motion = accelerate(joints, both, v, inertial(chain, joints, both, v), tau)
     derivatives = inverse_derivatives(chain, joints, both, v, motion.a, motion.multiplier)
-    gradient = hamiltonian_gradient(motion, derivatives, costate, state_cost)
+    gradient = hamiltonian_gradient(motion, derivatives, costate, at.state_cost)
 
     def difference(new: np.ndarray, old: np.ndarray, half: int, step: float) -> np.ndarray:
         change = new.reshape(2, p, count, -1)[half] - old[part]
@@ -119,9 +98,7 @@ def join_tangents(moved: Tangent, base: Tangent, times: int) -> Tangent:
     def both(new: np.ndarray, old: np.ndarray) -> np.ndarray:
         return np.concatenate([new, _repeat(old, times)])
 
-    at = type(base.at)(
-        *(both(getattr(moved.at, f), getattr(base.at, f)) for f in base.at.__dataclass_fields__)
-    )
+    at = type(base.at)(*map(both, vars(moved.at).values(), vars(base.at).values()))
 
     def both_vectors(new: np.ndarray, old: np.ndarray) -> np.ndarray:
         return np.concatenate([new, np.tile(old, (1, times, 1))], axis=1)

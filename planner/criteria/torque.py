@@ -42,9 +42,7 @@ class Torque(Criterion):
         """Returns d(dX/dt)/dX, the torque's own dependence on the states included."""
         y, rate, n1, n2 = self.at_y, self.at_rate, self.at_n1, self.at_n2
         linear = linearize(at.motion, at.derivatives)
-        second = hamiltonian_curvature(
-            coordinates, at, x[:, rate], x[:, n2], self.state_cost, rate_step
-        )
+        second = hamiltonian_curvature(at, x[:, rate], rate_step)
         effect = linear.along_torque
         # d tau = -(H_tau_y dy + B' dn2) / V
         tau_y = -transpose(second.y_tau) / self.torque_weights[:, None]
@@ -71,10 +69,10 @@ class Torque(Criterion):
 
         The torques are no state: their rate is that of -B'n2 / V along the motion.
         """
-        rate, n2 = x[:, self.at_rate], x[:, self.at_n2]
+        rate = x[:, self.at_rate]
         flow = self.right_side(at, x, coordinates.joints.independent)
         rate_step = float(np.max(np.abs(rate), initial=1e-3))
-        turn = hamiltonian_curvature(coordinates, at, rate, n2, None, rate_step).y_tau
+        turn = hamiltonian_curvature(at, rate, rate_step).y_tau
         change = matvec(transpose(turn), rate)
         change += torque_costate(at.tangent, at.motion.reduced, flow[:, self.at_n2])
         result: np.ndarray = -change / self.torque_weights

@@ -45,9 +45,7 @@ class TorqueChange(Criterion):
             self.at_y, self.at_rate, self.at_tau, self.at_n1, self.at_n2, self.at_n3,
         )  # fmt: skip
         linear = linearize(at.motion, at.derivatives)
-        second = hamiltonian_curvature(
-            coordinates, at, x[:, rate], x[:, n2], self.state_cost, rate_step
-        )
+        second = hamiltonian_curvature(at, x[:, rate], rate_step)
         result = np.zeros((len(x), x.shape[1], x.shape[1]))
         identity = np.eye(self.p)
         result[:, y, rate] = identity

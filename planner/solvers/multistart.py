@@ -43,7 +43,7 @@ def best_of_starts(
     good = sorted((one for one in found if one.converged), key=lambda one: one.cost)
     if not good:
         if first is not None:
-            _remember(problem, first)
+            first.problem.remember(first.point)
         return first, {}
     minima: list[dict[str, float]] = []
     for one in good:
@@ -52,10 +52,5 @@ def best_of_starts(
         else:
             minima.append({"cost": one.cost, "starts": 1})
     best = good[0]
-    _remember(problem, best)
+    best.problem.remember(best.point)
     return best, {"local_minima": minima, "starts_converged": len(good), "starts": starts}
-
-
-def _remember(problem: BoundaryValueProblem, result: SpectralResult) -> None:
-    at = result.point.torques.tangent
-    problem.coordinates.remember(result.problem.nodes.u, at.q, at.s)

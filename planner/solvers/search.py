@@ -66,7 +66,7 @@ def with_joints_chosen_anew(
         again = search(
             scenario,
             other,
-            start=fit_curves(better, u, at.q, point.multiplier, result.degree),
+            start=fit_curves(better, u, at.q, point.torques.multiplier, result.degree),
             degree=result.degree,
             watch_joints=True,
             progress=progress,
@@ -111,8 +111,7 @@ def sharpened(
         progress=progress,
     )
     if finer is None or not finer.settled or finer.tail > result.tail:
-        at = result.point.torques.tangent
-        problem.coordinates.remember(result.problem.nodes.u, at.q, at.s)
+        result.problem.remember(result.point)
         return result
     return followed(result, finer)
 

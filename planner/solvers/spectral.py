@@ -127,7 +127,7 @@ def minimise(
         point, decrease, taken, message = descend(problem, point, tolerance, report, barred)
         steps += taken
         curves = problem.curves(point)
-        coordinates.remember(problem.nodes.u, point.torques.tangent.q, point.torques.tangent.s)
+        problem.remember(point)
         rest = resolution(problem, point)
         good = message == "converged"
         more = (LAST_DEGREE - degree) // DEGREE_STEP

@@ -58,7 +58,7 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
         at,
         rates.reshape(-1, p),
         repeat(point.acceleration),
-        repeat(point.multiplier),
+        repeat(point.torques.multiplier),
     )
     weight = problem.nodes.weights[:, None] * problem.transport.duration
     along_torque = problem.along_torque(point)

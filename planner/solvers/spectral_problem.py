@@ -33,7 +33,6 @@ class Point:
     torques: Torques
     rate: np.ndarray
     acceleration: np.ndarray
-    multiplier: np.ndarray
     slope: np.ndarray
     cost: float
 
@@ -187,7 +186,7 @@ class SpectralProblem:
         cost = self._cost(torques, slope)
         if not np.isfinite(cost):
             return None
-        return Point(x, ends, torques, rate, acceleration, multiplier, slope, cost)
+        return Point(x, ends, torques, rate, acceleration, slope, cost)
 
     def closed(self, point: Point) -> Point:
         """Returns the same iterate with the hands together to the last digits."""
@@ -195,6 +194,11 @@ class SpectralProblem:
         if np.abs(self.transport.chain.gap(at.at)).max() < CLOSURE_TOLERANCE:
             return point
         return self.evaluate(point.x, point.ends, at, CLOSURE_TOLERANCE) or point
+
+    def remember(self, point: Point) -> None:
+        """Makes an iterate the motion near which closure is sought."""
+        at = point.torques.tangent
+        self.coordinates.remember(self.nodes.u, at.q, at.s)
 
     def _cost(self, torques: Torques, slope: np.ndarray) -> float:
         criterion = self.criterion
