@@ -504,7 +504,8 @@ def test_free_postures_where_the_torques_depend_on_them(tmp_path: Path) -> None:
         }
     )
     certified = plan(scenario).unwrap()
-    direct = plan(scenario.override({"solver.method": "spectral"})).unwrap()
+    fine = {"solver.method": "spectral", "solver.tolerance": 1e-6}
+    direct = plan(scenario.override(fine)).unwrap()
     assert certified.cost == pytest.approx(direct.cost, rel=1e-6)
     assert certified.internal_force[0] == pytest.approx([8.0, -6.0, 0.0], abs=1e-6)
     assert np.max(np.abs(certified.a[-1])) < 1e-6 * np.max(np.abs(certified.a))

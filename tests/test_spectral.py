@@ -11,8 +11,10 @@ from mechanisms import difference, planar_arms
 from mechanisms import human_arms as human
 from plans import CASES, FREE, minimised, problem_of, solved
 
+from planner import load
 from planner.boundary_value_problem import BoundaryValueProblem
 from planner.scenario import Scenario
+from planner.solvers import descent
 from planner.solvers.basis import spline_at_nodes
 from planner.solvers.curves import Curves
 from planner.solvers.spectral import minimise, resolution
@@ -21,6 +23,7 @@ from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import carry_over, project
 
 DEGREE = 12
+URDF = Path(__file__).parents[1] / "urdf"
 
 HUMAN: dict[str, dict[str, Any]] = {
     "zero ends": {},
@@ -135,6 +138,50 @@ def test_gauss_newton_alone_is_not_the_hessian(scenarios: dict[str, Scenario], n
     moves = directions(spectral, point, 4)
     share = [abs(move @ extra @ move) / abs(move @ matrix @ move) for move in moves]
     assert max(share) > 1e-3
+
+
+@pytest.mark.parametrize("name", ["zero ends", "torque", "mixed", "free postures"])
+def test_the_torques_bend_along_a_step(scenarios: dict[str, Scenario], name: str) -> None:
+    """Their second derivative along it, seen by the gradient's own inner product."""
+    spectral, point = somewhere(problem_of(scenarios[name]))
+    step, other = directions(spectral, point, 2, seed=7)
+    share, width = 1e-3, 1e-3
+
+    def moved(move: np.ndarray) -> Point:
+        there = spectral.moved(point, move)
+        assert there is not None
+        return spectral.closed(there)
+
+    def torques(move: np.ndarray) -> np.ndarray:
+        return moved(move).torques.tau
+
+    point = spectral.closed(point)
+    near = moved(share * step)
+    ends = torques(width * step) + torques(-width * step)
+    second = (ends - 2.0 * point.torques.tau) / width**2
+    along = (torques(width * other) - torques(-width * other)) / (2.0 * width)
+    criterion = spectral.criterion
+    weight = spectral.nodes.weights[:, None] * spectral.transport.duration
+    wanted = float((weight * criterion.torque_weights * second * along).sum())
+    if criterion.torque_is_state:
+        slopes = spectral.derivative @ second, spectral.derivative @ along
+        wanted += float((weight * criterion.rate_weights * slopes[0] * slopes[1]).sum())
+    assert spectral.torque_bend(point, near, step, share) @ other == pytest.approx(wanted, rel=5e-3)
+
+
+def test_two_pandas_need_no_second_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps that follow the valley's bend lead from the straight line to the optimum."""
+
+    def refuse(*_: object) -> np.ndarray:
+        raise AssertionError("the exact Hessian was asked for")
+
+    monkeypatch.setattr(descent, "torque_curvature", refuse)
+    problem = problem_of(load(URDF / "two_pandas" / "lift.toml"))
+    found = minimise(problem.transport, problem.criterion, problem.coordinates, tolerance=1e-7)
+    assert found is not None
+    assert found.converged
+    assert found.cost == pytest.approx(320.848418, rel=2e-6)
+    assert found.iterations <= 20
 
 
 @pytest.mark.parametrize("name", [*HUMAN, "held start, speed cost"])

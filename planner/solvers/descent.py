@@ -1,4 +1,10 @@
-"""Descent of the spectral method: Gauss-Newton and Newton steps in a trust region."""
+"""Descent of the spectral method: Gauss-Newton and Newton steps in a trust region.
+
+Far from the optimum the valley bends: a Gauss-Newton step leaves it where the torques' second
+derivative along the step counts. One more evaluation tells that derivative, and a correction of
+second order, solved for with the same matrix, follows the bend (geodesic acceleration, Transtrum
+and Sethna 2012). Where Gauss-Newton errs for good, steps of the exact Hessian stand beside it.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +12,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from planner.solvers.spectral_curvature import torque_curvature
 from planner.solvers.spectral_problem import Point, SpectralProblem
-from planner.solvers.trust_region import newton_step, reduce_model, trust_region_step
+from planner.solvers.trust_region import QuadraticModel, Step
 
 _MAX_STEPS = 80
 _FIRST_RADIUS = 8.0  # root mean square change of postures and speeds, rad and rad per duration
 _LEAST_RADIUS = 1e-9
 _FINE = 1e-3  # of the cost: gains below it would be lost in what gap an iterate leaves
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
-_SLOW = 0.05  # Gauss-Newton reduces its own prediction faster than this, or Newton takes over
+_LONG = 0.75  # from this length on, steps are bent before they are tried,
+_WORTH = 2e-2  # if they promise this share of the cost
+_PROBE = 0.2  # of a step, at the end of which its bend is looked at
+_MOST_BENT = 0.75  # bend of a step beside its length: beyond, the series is not trusted
+_UNDERRATED = 1.4  # times the gain foreseen: from there a longer step is worth a try
+_ERRS = 0.4  # of the gain foreseen: Gauss-Newton misses curvature if it errs by more,
+_SLOW = 0.3  # gains fall by no more than this factor
+_PATIENCE = 3  # and both hold so many times in a row
+_SADDLE = 30.0  # times the tolerance: Gauss-Newton may come so near a saddle before it leaves it
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,49 +41,67 @@ class _Trial:
     relative: float
     ratio: float
     radius: float
+    length: float
     limited: bool
     convex: bool
 
+    @property
+    def foreseen(self) -> bool:
+        """Whether the model could hardly be better."""
+        return self.ratio > 0.7 and self.convex and not self.limited
+
+
+def _bend(
+    problem: SpectralProblem, point: Point, step: Step, model: QuadraticModel
+) -> tuple[np.ndarray, float]:
+    """Returns the correction of second order to a Gauss-Newton step, and its relative size.
+
+    The size is twice the correction's length beside the step's, infinite if the chain cannot be
+    closed along the step.
+    """
+    near = problem.moved(point, _PROBE * step.move)
+    if near is None:
+        return np.zeros_like(step.move), np.inf
+    bend = -0.5 * step.solve(problem.torque_bend(point, near, step.move, _PROBE))
+    return bend, 2.0 * model.length(bend) / step.length
+
 
 def _try_steps(
-    problem: SpectralProblem,
-    point: Point,
-    gradient: np.ndarray,
-    matrix: np.ndarray,
-    metric: np.ndarray,
-    radius: float,
+    problem: SpectralProblem, point: Point, model: QuadraticModel, radius: float, *, bent: bool
 ) -> _Trial | None:
     """Returns the first step of a model that lowers the cost, its radius shrunk until it does.
 
     None if no step does, or if the model has no minimum in the multiplier.
     """
-    plain = newton_step(gradient, matrix)
-    model = None
+    rejected = False
     while radius > _LEAST_RADIUS:
-        convex = True
-        if plain is not None:
-            move, gain = plain
-            length = float(np.linalg.norm(metric @ move[problem.motion]))
-        if plain is None or length > radius:
-            plain = None
-            if model is None:
-                try:
-                    model = reduce_model(gradient, matrix, metric, problem.motion, problem.force)
-                except scipy.linalg.LinAlgError:
-                    return None
-            move, gain, length = trust_region_step(model, radius)
-            convex = bool(model.values[0] > -1e-9 * np.max(np.abs(model.values)))
-        relative = gain / max(point.cost, 1e-300)
-        limited = length > 0.95 * radius
-        new = problem.moved(point, move)
-        ratio = -1.0 if new is None else (point.cost - new.cost) / max(gain, 1e-300)
+        step = model.step(radius)
+        if step is None:
+            return None
+        relative = step.gain / max(point.cost, 1e-300)
+        limited = step.length > 0.95 * radius
+        bend, size = np.zeros_like(step.move), 0.0
+        if bent and relative > _WORTH and (rejected or step.length > _LONG):
+            bend, size = _bend(problem, point, step, model)
+            if size > _MOST_BENT:
+                radius = step.length * float(np.clip(0.6 * _MOST_BENT / size, 0.1, 0.7))
+                continue
+        new = problem.moved(point, step.move + bend)
+        ratio = -1.0 if new is None else (point.cost - new.cost) / max(step.gain, 1e-300)
         if new is not None and (ratio > 1e-3 or relative < _ROUND_OFF):
+            if bent and ratio > _UNDERRATED and relative > _FINE**2:
+                far = 1.0 / max(2.0 - ratio, 0.25)  # where a parabola has its minimum, at most 4
+                longer = problem.moved(point, far * step.move + far**2 * bend)
+                new = longer if longer is not None and longer.cost < new.cost else new
             if ratio > 0.7 and limited:
-                radius *= 4.0
+                radius *= 2.0
+                if size > 0.0:
+                    radius = min(radius, step.length * max(_MOST_BENT / size, 1.0))
             elif ratio < 0.25:
-                radius = 0.4 * min(length, radius)
-            return _Trial(new, relative, ratio, radius, limited, convex)
-        radius = 0.3 * min(length, radius)
+                radius = 0.4 * min(step.length, radius)
+            return _Trial(new, relative, ratio, radius, step.length, limited, step.convex)
+        rejected = True
+        radius = 0.3 * min(step.length, radius)
     return None
 
 
@@ -83,29 +114,32 @@ def descend(
 ) -> tuple[Point, float, int, str]:
     """Returns the last iterate, its predicted relative decrease, the steps, and why it ended.
 
-    Once Gauss-Newton slows down, steps of the exact Hessian are tried beside its own, and the
-    better one is taken: far from the valley's floor, negative curvature holds over short ways only.
+    Once Gauss-Newton errs, steps of the exact Hessian are tried beside its own, and the better one
+    is taken: far from the valley's floor, negative curvature holds over short ways only.
     """
-    radii = [_FIRST_RADIUS, _FIRST_RADIUS]
-    exact, before, relative = False, np.inf, np.inf
+    radius, exact_radius = _FIRST_RADIUS, _FIRST_RADIUS
+    exact, errors, before, relative = False, 0, np.inf, np.inf
+    surplus = problem.transport.chain.p > problem.transport.chain.r
     metric = problem.metric(point)
     for step in range(_MAX_STEPS):
         gradient, matrix = problem.normal_equations(point)
-        matrices = [matrix]
-        if exact:
-            matrices.append(matrix + torque_curvature(problem, point))
-        best, which = None, 0
-        for index in reversed(range(len(matrices))):
-            trial = _try_steps(problem, point, gradient, matrices[index], metric, radii[index])
-            if trial is None:
-                continue
-            radii[index] = trial.radius
-            if best is None or trial.point.cost < best.point.cost:
-                best, which = trial, index
-            if trial.ratio > 0.7 and trial.convex and not trial.limited:
-                break  # as good as the model can be: Gauss-Newton would not do better
-        if best is None:
-            return point, relative, step, "no descent"
+        best, newton = None, False
+        while best is None:
+            if exact:
+                hessian = matrix + torque_curvature(problem, point)
+                model = QuadraticModel(gradient, hessian, metric, problem.motion, problem.force)
+                best = _try_steps(problem, point, model, exact_radius, bent=False)
+                newton = best is not None
+                exact_radius = exact_radius if best is None else best.radius
+            if best is None or not best.foreseen:
+                model = QuadraticModel(gradient, matrix, metric, problem.motion, problem.force)
+                trial = _try_steps(problem, point, model, radius, bent=True)
+                radius = radius if trial is None else trial.radius
+                if trial is not None and (best is None or trial.point.cost < best.point.cost):
+                    best, newton = trial, False
+            if best is None and exact:
+                return point, relative, step, "no descent"
+            exact = exact or best is None
         relative = best.relative
         report(problem.degree, relative, best.point.cost)
         point = best.point if best.point.cost <= point.cost else point
@@ -115,12 +149,14 @@ def descend(
             return point, relative, step + 1, "the chain becomes singular in its independent joints"
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
         # what is left is a geometric series of this pace; Newton squares it
-        newton = which == 1
         left = relative * (min(pace, 1.0) ** 2 if newton else pace / max(1.0 - pace, 1e-3))
-        if not best.limited and best.convex and (left < tolerance or relative < 1e-3 * tolerance):
+        settled = left < tolerance and not (surplus and relative > _SADDLE * tolerance)
+        if not best.limited and best.convex and (settled or relative < 1e-3 * tolerance):
             return point, relative, step + 1, "converged"
-        if not exact and ((step >= 2 and pace > _SLOW and relative < 0.3) or best.ratio < 0.25):
-            exact = True
+        wrong = abs(best.ratio - 1.0) > _ERRS and pace > _SLOW and relative < 1e-2
+        errors = errors + 1 if wrong else 0
+        if not exact and errors >= _PATIENCE:
+            exact, exact_radius = True, min(4.0 * best.length, _FIRST_RADIUS)
         before = relative
         if relative < _FINE:
             point = problem.closed(point)

@@ -35,6 +35,7 @@ class Point:
     acceleration: np.ndarray
     slope: np.ndarray
     cost: float
+    design: np.ndarray | None = None
 
 
 class SpectralProblem:
@@ -258,10 +259,17 @@ class SpectralProblem:
         of_rates = criterion.rate_weights if criterion.torque_is_state else np.zeros(self.n)
         return np.sqrt(weight * criterion.torque_weights), np.sqrt(weight * of_rates)
 
+    def design(self, point: Point) -> np.ndarray:
+        """Returns the torques' derivatives along the unknowns, (K, N, size), kept in the point."""
+        if point.design is None:
+            torques = point.torques
+            along = torques.along_motion, torques.along_multiplier
+            point.design = self.along_unknowns(point, *along)
+        return point.design
+
     def normal_equations(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Returns gradient, (size,), and Gauss-Newton matrix, (size, size)."""
-        criterion, torques = self.criterion, point.torques
-        design = self.along_unknowns(point, torques.along_motion, torques.along_multiplier)
+        criterion, torques, design = self.criterion, point.torques, self.design(point)
         count, size = len(self.nodes.u), self.size
         of_torque, of_rate = self._roots
         parts = []
@@ -287,10 +295,29 @@ class SpectralProblem:
 
     def along_torque(self, point: Point) -> np.ndarray:
         """Returns the cost's derivative along the torques at the nodes, (K, N)."""
+        return self._weighed(point.torques.tau)
+
+    def _weighed(self, tau: np.ndarray) -> np.ndarray:
+        """Returns the cost's derivative along torques at the nodes, (K, N), which is linear."""
         of_torque, of_rate = self._roots
-        result = of_torque**2 * point.torques.tau
+        result = of_torque**2 * tau
         if self.criterion.torque_is_state:
-            result += self.derivative.T @ (of_rate**2 * point.slope)
+            result += self.derivative.T @ (of_rate**2 * (self.derivative @ tau))
+        return result
+
+    def torque_bend(self, point: Point, near: Point, move: np.ndarray, share: float) -> np.ndarray:
+        """Returns the torques' second derivative along a step, as a gradient of the cost, (size,).
+
+        Args:
+            point: The iterate.
+            near: The iterate after a share of the step.
+            move: The step.
+            share: That share: the torques' difference of second order is taken over it.
+        """
+        design = self.design(point)
+        second = (near.torques.tau - point.torques.tau) / share - design @ move
+        weight = self._weighed(second * (2.0 / share))
+        result: np.ndarray = np.tensordot(weight, design, axes=2)
         return result
 
     def curves(self, point: Point) -> Curves:

@@ -7,6 +7,7 @@ eigenvalues, which solve the trust-region problem exactly, whatever their signs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ class Model:
         force_follow: Step of the multiplier per unknown of the motion.
         motion: Places of the motion's unknowns.
         force: Places of the multiplier's unknowns.
+        force_factor: Cholesky factor of the multiplier's block.
     """
 
     values: np.ndarray
@@ -36,6 +38,17 @@ class Model:
     force_follow: np.ndarray
     motion: slice | np.ndarray
     force: slice | np.ndarray
+    force_factor: tuple[np.ndarray, bool]
+
+    def solve(self, right: np.ndarray, shift: float) -> np.ndarray:
+        """Solves with the Hessian, shifted by a multiple of the metric along the motion."""
+        force = scipy.linalg.cho_solve(self.force_factor, right[self.force], check_finite=False)
+        reduced = right[self.motion] + self.force_follow.T @ right[self.force]
+        motion = self.vectors @ ((self.vectors.T @ reduced) / (self.values + shift))
+        result = np.empty_like(right)
+        result[self.motion] = motion
+        result[self.force] = force + self.force_follow @ motion
+        return result
 
 
 def reduce_model(
@@ -67,18 +80,82 @@ def reduce_model(
     values, vectors = scipy.linalg.eigh(0.5 * (scaled + scaled.T), check_finite=False)
     in_unknowns = scipy.linalg.solve_triangular(metric, vectors, check_finite=False)
     gain = -0.5 * float(gradient[force] @ step)
-    return Model(values, in_unknowns.T @ slope, in_unknowns, step, gain, follow, motion, force)
+    return Model(
+        values, in_unknowns.T @ slope, in_unknowns, step, gain, follow, motion, force, factor
+    )
 
 
-def newton_step(gradient: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Returns the step to the model's minimum and its gain; None if the Hessian is not positive."""
-    # LAPACK itself: SciPy's checks around it take longer than this small matrix
-    _, move, status = scipy.linalg.lapack.dposv(hessian, -gradient, lower=1)
-    return None if status else (move, -0.5 * float(gradient @ move))
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step to the least value of a model.
+
+    Attributes:
+        move: The step in all unknowns.
+        gain: What the model expects of it.
+        length: Length of its motion's part in the trust region's metric.
+        convex: Whether the model is.
+        solve: Solves the system that gave the step for another right-hand side.
+    """
+
+    move: np.ndarray
+    gain: float
+    length: float
+    convex: bool
+    solve: Callable[[np.ndarray], np.ndarray]
 
 
-def trust_region_step(model: Model, radius: float) -> tuple[np.ndarray, float, float]:
-    """Returns the step of least model value within the radius, its gain, and its length.
+class QuadraticModel:
+    """The cost's quadratic model at one iterate, with its best step within any radius."""
+
+    def __init__(
+        self,
+        gradient: np.ndarray,
+        hessian: np.ndarray,
+        metric: np.ndarray,
+        motion: slice | np.ndarray,
+        force: slice | np.ndarray,
+    ) -> None:
+        """Takes what `reduce_model` takes; the reduction is made once a radius asks for it."""
+        self._parts = gradient, hessian, metric, motion, force
+        self._newton = self._newton_step()
+        self._reduced: Model | None = None
+
+    def length(self, move: np.ndarray) -> float:
+        """Returns the length of a step's motion in the trust region's metric."""
+        _, _, metric, motion, _ = self._parts
+        return float(np.linalg.norm(metric @ move[motion]))
+
+    def step(self, radius: float) -> Step | None:
+        """Returns the step of least model value within a radius.
+
+        None if the model has no minimum in the multiplier.
+        """
+        if self._newton is not None and self._newton.length <= radius:
+            return self._newton
+        if self._reduced is None:
+            try:
+                self._reduced = reduce_model(*self._parts)
+            except scipy.linalg.LinAlgError:
+                return None
+        return trust_region_step(self._reduced, radius)
+
+    def _newton_step(self) -> Step | None:
+        """Returns the step to the model's minimum; None if the Hessian is not positive."""
+        gradient, hessian = self._parts[:2]
+        # LAPACK itself: SciPy's checks around it take longer than this small matrix
+        factor, move, status = scipy.linalg.lapack.dposv(hessian, -gradient, lower=1)
+        if status:
+            return None
+
+        def solve(right: np.ndarray) -> np.ndarray:
+            result: np.ndarray = scipy.linalg.lapack.dpotrs(factor, right, lower=1)[0]
+            return result
+
+        return Step(move, -0.5 * float(gradient @ move), self.length(move), True, solve)
+
+
+def trust_region_step(model: Model, radius: float) -> Step:
+    """Returns the step of least model value within the radius.
 
     Args:
         model: The quadratic model.
@@ -106,7 +183,12 @@ def trust_region_step(model: Model, radius: float) -> tuple[np.ndarray, float, f
     move[model.motion] = motion
     move[model.force] = model.force_step + model.force_follow @ motion
     gain = model.force_gain - float(slope @ along + 0.5 * (values * along) @ along)
-    return move, gain, float(np.linalg.norm(along))
+    convex = bool(values[0] > -1e-9 * np.max(np.abs(values)))
+
+    def solve(right: np.ndarray) -> np.ndarray:
+        return model.solve(right, shift)
+
+    return Step(move, gain, float(np.linalg.norm(along)), convex, solve)
 
 
 def _length(values: np.ndarray, slope: np.ndarray, shift: float) -> float:
