@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Times this planner against what one would use instead, in one run and on one thread.
+"""Times this planner against what one would use instead, in one run, on one thread each.
 
 CasADi with IPOPT and with fatrop (direct collocation, exact Hessians), and SciPy's solve_bvp used
 the plain way. Needs the extra `bench`. Sections: paper, growth, pandas.
@@ -118,13 +118,13 @@ def growth(report: Report, runs: int, joints: list[int]) -> None:
     rows = {}
     with _working("Growth with nodes"):
         contestants = [
-            casadi_contestant(case.scenario, case.chain, Scheme(k, 3, lifted), solver, 1e-8)
+            casadi_contestant(case.scenario, Scheme(k, 3, lifted), solver, 1e-8)
             for k in NODE_INTERVALS
             for solver, lifted in (("ipopt", True), ("fatrop", False))
         ]
         for tolerance in NODE_TOLERANCES:
             solver = {"solver.tolerance": tolerance, "solver.start": "line"}
-            contestants.append(planner_contestant(case.scenario.override(solver), case.chain))
+            contestants.append(planner_contestant(case.scenario.override(solver)))
         for timing in measure(contestants, runs, case.reference):
             size = timing.run.size * (1 if timing.method in PLANNERS else 3)
             row = (size, timing.run.solve, timing.run.iterations)
@@ -137,13 +137,10 @@ def _grow(rows: dict[str, list[tuple[int, float, int]]], case: Case, count: int,
     """Adds the solve times of one size; says who failed or found another minimum."""
     intervals, degree = GROWTH_SCHEME
     contestants = [
-        planner_contestant(case.scenario.override({"solver.method": method}), case.chain)
-        for method in METHODS
+        planner_contestant(case.scenario.override({"solver.method": method})) for method in METHODS
     ]
     contestants += [
-        casadi_contestant(
-            case.scenario, case.chain, Scheme(intervals, degree, lifted), solver, 1e-6
-        )
+        casadi_contestant(case.scenario, Scheme(intervals, degree, lifted), solver, 1e-6)
         for solver, lifted in (("ipopt", True), ("fatrop", False))
     ]
     for timing in measure(contestants, runs, case.reference):

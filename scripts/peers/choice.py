@@ -127,9 +127,7 @@ class Chooser:
     ) -> tuple[Contestant, Timing] | None:
         """Returns a setting with its timing; with a tighter tolerance where that is what lacks."""
         for tolerance in (accuracy, 0.01 * accuracy):
-            contestant = casadi_contestant(
-                self.case.scenario, self.case.chain, scheme, solver, tolerance, compiled
-            )
+            contestant = casadi_contestant(self.case.scenario, scheme, solver, tolerance, compiled)
             timing = self._timing(contestant, 1 if compiled else 3)
             if timing.error <= accuracy:
                 return contestant, timing
@@ -142,8 +140,7 @@ class Chooser:
                 planner_contestant(
                     self.case.scenario.override(
                         {"solver.method": method, "solver.tolerance": tolerance}
-                    ),
-                    self.case.chain,
+                    )
                 )
                 for tolerance in TOLERANCES
             ),
@@ -153,10 +150,7 @@ class Chooser:
     def plain(self, accuracy: float) -> list[Contestant]:
         """Returns plain `solve_bvp` with the loosest tolerance that reaches the accuracy."""
         return self._loosest(
-            (
-                plain_contestant(self.case.scenario, self.case.chain, tolerance)
-                for tolerance in TOLERANCES
-            ),
+            (plain_contestant(self.case.scenario, tolerance) for tolerance in TOLERANCES),
             accuracy,
         )
 
@@ -167,5 +161,6 @@ class Chooser:
         return []
 
     def _timing(self, contestant: Contestant, runs: int) -> Timing:
-        results: Sequence[Run] = [contestant.run() for _ in range(runs)]
+        runner = contestant.load()
+        results: Sequence[Run] = [runner.run() for _ in range(runs)]
         return summary(contestant, results, self.case.reference)

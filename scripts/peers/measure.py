@@ -1,11 +1,12 @@
-"""Contestants, and how they are timed: in turns, in one process, on one thread."""
+"""Contestants, and how they are timed: in turns, each in a process of its own, on one thread."""
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from statistics import median
 
 from peers.casadi_collocation import Collocation
@@ -13,7 +14,9 @@ from peers.casadi_scheme import Scheme, SolverName
 from peers.plain_bvp import PlainProblem
 from peers.profiling import pinocchio_seconds, profiled
 from peers.task import Task, read_task
+from peers.worker import Worker
 from planner import planning
+from planner.assembly import build_chain
 from planner.chain import ClosedChain
 from planner.scenario import Scenario
 from planner.transport import make_transport
@@ -50,20 +53,31 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Runner:
+    """A contestant with its model loaded.
+
+    Attributes:
+        run: Runs it once.
+        floor: Gives the time of the solve's Pinocchio calls with nothing around them [s].
+    """
+
+    run: Callable[[], Run]
+    floor: Callable[[], float] | None = None
+
+
+@dataclass(frozen=True)
 class Contestant:
     """A method with all its settings.
 
     Attributes:
         method: Name.
         setting: What was chosen for it.
-        run: Runs it once.
-        floor: Gives the time of the solve's Pinocchio calls with nothing around them [s].
+        load: Loads the model, in whatever process is to run it.
     """
 
     method: str
     setting: str
-    run: Callable[[], Run]
-    floor: Callable[[], float] | None = None
+    load: Callable[[], Runner]
 
 
 @dataclass(frozen=True)
@@ -87,9 +101,16 @@ class Timing:
     floor: float = 0.0
 
 
-def planner_contestant(scenario: Scenario, chain: ClosedChain) -> Contestant:
+def planner_contestant(scenario: Scenario) -> Contestant:
     """Returns this planner with the scenario's solver settings."""
     solver = scenario.solver
+    name = "planner, certified" if solver.method == "collocation" else f"planner, {solver.method}"
+    setting = f"tolerance {solver.tolerance:.0e}"
+    return Contestant(name, setting, partial(_planner_runner, scenario))
+
+
+def _planner_runner(scenario: Scenario) -> Runner:
+    chain = build_chain(scenario)
 
     def run() -> Run:
         planning.solve(scenario, make_transport(scenario, chain))  # as for the peers, see there
@@ -115,19 +136,26 @@ def planner_contestant(scenario: Scenario, chain: ClosedChain) -> Contestant:
         transport = make_transport(scenario, chain)
         return pinocchio_seconds(profiled(lambda: planning.solve(scenario, transport), 1).calls)
 
-    name = "planner, certified" if solver.method == "collocation" else f"planner, {solver.method}"
-    return Contestant(name, f"tolerance {solver.tolerance:.0e}", run, floor)
+    return Runner(run, floor)
 
 
 def casadi_contestant(
     scenario: Scenario,
-    chain: ClosedChain,
     scheme: Scheme,
     solver: SolverName,
     tolerance: float,
     compiled: str = "",
 ) -> Contestant:
     """Returns direct collocation in CasADi; what is compiled is built once for all its runs."""
+    name = {"ipopt": "CasADi, IPOPT", "fatrop": "CasADi, fatrop"}[solver]
+    load = partial(_casadi_runner, scenario, scheme, solver, tolerance, compiled)
+    return Contestant(name + (f" ({compiled})" if compiled else ""), str(scheme), load)
+
+
+def _casadi_runner(
+    scenario: Scenario, scheme: Scheme, solver: SolverName, tolerance: float, compiled: str
+) -> Runner:
+    chain = build_chain(scenario)
     built: list[Collocation] = []
 
     def run() -> Run:
@@ -148,12 +176,17 @@ def casadi_contestant(
             size=scheme.intervals,
         )
 
-    name = {"ipopt": "CasADi, IPOPT", "fatrop": "CasADi, fatrop"}[solver]
-    return Contestant(name + (f" ({compiled})" if compiled else ""), str(scheme), run)
+    return Runner(run)
 
 
-def plain_contestant(scenario: Scenario, chain: ClosedChain, tolerance: float) -> Contestant:
+def plain_contestant(scenario: Scenario, tolerance: float) -> Contestant:
     """Returns `solve_bvp` used the plain way."""
+    load = partial(_plain_runner, scenario, tolerance)
+    return Contestant("plain solve_bvp", f"tolerance {tolerance:.0e}", load)
+
+
+def _plain_runner(scenario: Scenario, tolerance: float) -> Runner:
+    chain = build_chain(scenario)
 
     def run() -> Run:
         began = time.perf_counter()
@@ -170,13 +203,16 @@ def plain_contestant(scenario: Scenario, chain: ClosedChain, tolerance: float) -
             size=answer.nodes,
         )
 
-    return Contestant("plain solve_bvp", f"tolerance {tolerance:.0e}", run)
+    return Runner(run)
 
 
 def measure(
     contestants: Sequence[Contestant], runs: int, reference: float, budget: float = 60.0
 ) -> list[Timing]:
     """Returns the medians of each contestant, all taking turns so that ratios hold.
+
+    Each has a process of its own: in a heap full of the others' graphs the same solve takes up to
+    twice as long.
 
     Args:
         contestants: Whom to time.
@@ -187,27 +223,28 @@ def measure(
     """
     seen: list[list[Run]] = []
     left: list[int] = []
-    gc.collect()
-    gc.freeze()  # as timeit does: nobody pays for walking through the others' objects
-    for contestant in contestants:
-        began = time.perf_counter()
-        first = contestant.run()
-        seconds = time.perf_counter() - began
-        seen.append([first])
-        left.append(min(runs, int(budget / seconds)) if first.solved else 0)
-    for turn in range(max(left, default=0)):
-        for place, contestant in enumerate(contestants):
-            if turn >= left[place]:
-                continue
-            if turn == 0:
-                seen[place].clear()
-            seen[place].append(contestant.run())
+    with ExitStack() as stack:
+        workers = [stack.enter_context(Worker(contestant.load)) for contestant in contestants]
+        for worker in workers:
+            began = time.perf_counter()
+            first: Run = worker.ask("run")
+            seconds = time.perf_counter() - began
+            seen.append([first])
+            left.append(max(1, min(runs, int(budget / seconds))) if first.solved else 0)
+        for turn in range(max(left, default=0)):
+            for place, worker in enumerate(workers):
+                if turn >= left[place]:
+                    continue
+                if turn == 0:
+                    seen[place].clear()
+                seen[place].append(worker.ask("run"))
+        floors = [
+            worker.ask("floor") if results[-1].solved else None
+            for worker, results in zip(workers, seen, strict=True)
+        ]
     return [
-        replace(
-            summary(contestant, results, reference),
-            floor=contestant.floor() if contestant.floor and results[-1].solved else 0.0,
-        )
-        for contestant, results in zip(contestants, seen, strict=True)
+        replace(summary(contestant, results, reference), floor=floor or 0.0)
+        for contestant, results, floor in zip(contestants, seen, floors, strict=True)
     ]
 
 
