@@ -145,7 +145,7 @@ def descend(
         point = best.point if best.point.cost <= point.cost else point
         if relative < _ROUND_OFF:
             return point, relative, step + 1, "converged"
-        if barred(point):
+        if not best.foreseen and barred(point):
             return point, relative, step + 1, "the chain becomes singular in its independent joints"
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
         # what is left is a geometric series of this pace; Newton squares it

@@ -56,6 +56,9 @@ class Ends:
     _known: list[tuple[EndValues, tuple[np.ndarray, np.ndarray]] | None] = field(
         default_factory=lambda: [None, None], repr=False
     )
+    _null: list[tuple[EndValues, np.ndarray] | None] = field(
+        default_factory=lambda: [None, None], repr=False
+    )
 
     @cached_property
     def conditions(self) -> tuple[EndConditions, EndConditions]:
@@ -223,7 +226,17 @@ class Ends:
         return motion, force
 
     def null(self, index: int, values: EndValues) -> np.ndarray:
-        """Returns motions of y that leave the object where the end prescribes it, (p, free)."""
+        """Returns motions of y that leave the object where the end prescribes it, (p, free).
+
+        The last are kept.
+        """
+        known = self._null[index]
+        if known is None or known[0] is not values:
+            known = self._null[index] = values, self._free(index, values)
+        return known[1]
+
+    def _free(self, index: int, values: EndValues) -> np.ndarray:
+        """Returns `null` anew."""
         rows, chain = self.conditions[index].task_rows, self.transport.chain
         jacobian = rows @ chain.object_jacobian(values.at.at)[0] @ values.at.s[0]
         guess = self.null_guess[index]
