@@ -113,7 +113,10 @@ def solve_directly(
         return _from_line(scenario, transport, progress)
     problem = make_problem(scenario, transport)
     one = settings.starts == 1
-    result = search(scenario, problem, start=start, watch_joints=one, progress=progress)
+    degree = None if start is None else len(start.motion) - 1  # what a similar motion needed
+    result = search(
+        scenario, problem, start=start, degree=degree, watch_joints=one, progress=progress
+    )
     minima: dict[str, Any] = {}
     if not one:
         result, minima = best_of_starts(

@@ -10,6 +10,7 @@ import contextlib
 import io
 import sys
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,6 +74,7 @@ def solve_collocation(
     tolerance: float,
     max_nodes: int,
     guess: Guess | None = None,
+    jacobian: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     progress: ProgressCallback | None = None,
     scenario: Scenario | None = None,
 ) -> Solution | Failure:
@@ -83,6 +85,7 @@ def solve_collocation(
         tolerance: Bound on the relative residual of the differential equations.
         max_nodes: Bound on the nodes of the mesh.
         guess: States and costates to start from; the straight line with zero costates if None.
+        jacobian: Derivatives of the equations for Newton's method; the exact ones if None.
         progress: Called once per mesh.
         scenario: Named in a failure.
     """
@@ -97,7 +100,7 @@ def solve_collocation(
                 problem.boundary,
                 share,
                 start,
-                fun_jac=problem.jacobian,
+                fun_jac=problem.jacobian if jacobian is None else jacobian,
                 bc_jac=problem.boundary_jacobian,
                 tol=tolerance,
                 max_nodes=max_nodes,

@@ -11,7 +11,7 @@ from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import solve_collocation
 from planner.solvers.search import sharpened
 from planner.solvers.spectral import SpectralResult
-from planner.solvers.warm_start import spectral_solution, warm_start
+from planner.solvers.warm_start import MotionJacobian, spectral_solution, warm_start
 
 if TYPE_CHECKING:
     from planner.scenario import Scenario
@@ -27,7 +27,7 @@ def confirm(
 ) -> Solution | Failure:
     """Returns the boundary value solution that starts from the spectral one."""
     result = sharpened(scenario, problem, result, progress)
-    guess, _ = warm_start(problem, result, scenario.solver.tolerance)
+    guess, states = warm_start(problem, result, scenario.solver.tolerance)
     if len(guess.share) > scenario.solver.max_nodes:
         return failure(
             "mesh-full",
@@ -35,14 +35,19 @@ def confirm(
             scenario,
             nodes=len(guess.share),
         )
-    found = solve_collocation(
-        problem,
-        tolerance=scenario.solver.tolerance,
-        max_nodes=scenario.solver.max_nodes,
-        guess=guess,
-        progress=progress,
-        scenario=scenario,
-    )
+    known = MotionJacobian(problem, states)
+    for jacobian in (known, problem.jacobian):
+        found = solve_collocation(
+            problem,
+            tolerance=scenario.solver.tolerance,
+            max_nodes=scenario.solver.max_nodes,
+            guess=guess,
+            jacobian=jacobian,
+            progress=progress,
+            scenario=scenario,
+        )
+        if isinstance(found, Solution):
+            break
     if isinstance(found, Failure):
         return found
     found = replace(

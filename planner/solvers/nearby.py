@@ -18,7 +18,7 @@ from planner.vectors import cross
 if TYPE_CHECKING:
     from planner.result import Plan
 
-_SAMPLES = 61
+_SAMPLES = 251
 _DEGREE = 18
 _FAR = 0.1  # of the largest singular value: well away from a singularity
 _BETTER = 3.0  # times farther from a singularity, or the joints stay as they are
@@ -73,7 +73,8 @@ def curves_of_plan(transport: Transport, plan: Plan) -> Curves:
     force = plan.hand_force_right[every]
     moment = plan.hand_moment_right[every] - cross(point - position, force)
     multiplier = -chain.loop(at).multiplier(np.concatenate([force, moment], axis=1))
-    return fit_curves(transport, plan.time[every] / plan.duration, q, multiplier)
+    degree = int(plan.checks.get("spectral_degree", _DEGREE))
+    return fit_curves(transport, plan.time[every] / plan.duration, q, multiplier, degree)
 
 
 def with_better_joints(transport: Transport, share: np.ndarray, at: Tangent) -> Transport | None:
