@@ -193,13 +193,15 @@ def _with_speed_cost(
         if result is None:
             continue
         problem, result = with_joints_chosen_anew(scenario, problem, result, progress)
-        if not result.converged:
-            continue
         found: Solution | Failure
         if scenario.solver.method == "spectral":
+            if not result.converged:
+                continue
             found = spectral_solution(problem, result)
-        else:
+        elif is_usable(scenario, result):
             found = confirm(scenario, problem, result, progress)
+        else:
+            continue
         if isinstance(found, Solution):
             remark = (
                 f"joint speeds cost {speed_cost:g} |v|^2/2 in this plan: without such a cost the "
