@@ -3,6 +3,8 @@
 500 transports of the paper's arms, start and goal drawn inside the shared workspace, and 100 pairs
 of arms of other lengths and masses. Start and goal keep a margin from the singularities: every
 elbow is bent, and not folded, by at least `MARGIN` rad. Every failure is listed with its reason.
+Least jerk follows the straight line, whatever the arms: where one of them does not reach all of it,
+which its link lengths tell, no plan exists, and none is counted.
 
     python scripts/robustness.py [--transports 500] [--geometries 100] [--seed 0]
 """
@@ -53,6 +55,14 @@ def draw_point(
             return point
 
 
+def line_is_reached(
+    lengths: np.ndarray, bases: np.ndarray, start: np.ndarray, goal: np.ndarray
+) -> bool:
+    """Returns whether both arms reach every point of the straight line."""
+    points = start + np.linspace(0.0, 1.0, 501)[:, None] * (goal - start)
+    return min(elbows(lengths[i], bases[i], point) for i in range(2) for point in points) > 0.0
+
+
 def attempt(scenario: planner.Scenario, chain: ClosedChain) -> tuple[str, float]:
     """Returns how planning ended ("solved", or status and reason) and the time it took [s]."""
     began = time.perf_counter()
@@ -92,7 +102,8 @@ def random_transports(count: int, generator: np.random.Generator) -> None:
                 }
             )
             label = f"{np.round(start, 4).tolist()} to {np.round(goal, 4).tolist()}"
-            report.append((label, *attempt(scenario, chain)))
+            possible = kind != "jerk" or line_is_reached(lengths, bases, start, goal)
+            report.append((label, possible, *attempt(scenario, chain)))
         summarise(f"{kind}, {count} transports", report)
 
 
@@ -121,12 +132,14 @@ def random_geometries(count: int, generator: np.random.Generator, folder: Path) 
             "task.start.xyz": [*start.tolist(), 0.0],
             "task.goal.xyz": [*goal.tolist(), 0.0],
         }
-        cases.append((f"geometry {number}", base.override(overrides)))
+        straight = line_is_reached(lengths, bases, start, goal)
+        cases.append((f"geometry {number}", straight, base.override(overrides)))
     for kind in CRITERIA:
         report = []
-        for label, scenario in cases:
+        for label, straight, scenario in cases:
             given = scenario.override({"criterion.kind": kind})
-            report.append((label, *attempt(given, build_chain(given))))
+            possible = kind != "jerk" or straight
+            report.append((label, possible, *attempt(given, build_chain(given))))
         summarise(f"{kind}, {count} pairs of arms", report)
 
 
@@ -153,20 +166,25 @@ def scaled_arm(path: Path, side: str, lengths: np.ndarray, masses: np.ndarray) -
     return path
 
 
-def summarise(title: str, report: list[tuple[str, str, float]]) -> None:
-    """Prints the share solved, the times, and every failure with its reason."""
-    solved = sum(text == "solved" for _, text, _ in report)
-    times = np.array([seconds for _, _, seconds in report])
+def summarise(title: str, report: list[tuple[str, bool, str, float]]) -> None:
+    """Prints the share solved of what is possible, the times, and every failure with its reason."""
+    solved = sum(text == "solved" for _, _, text, _ in report)
+    possible = sum(possible or text == "solved" for _, possible, text, _ in report)
+    times = np.array([seconds for *_, seconds in report])
     print(
-        f"{title}: {solved}/{len(report)} solved ({100 * solved / len(report):.1f} %), "
+        f"{title}: {solved}/{possible} solved ({100 * solved / possible:.1f} %), "
         f"median {np.median(times):.3f} s, longest {times.max():.2f} s"
     )
-    kinds = Counter(text.split(":")[0] for _, text, _ in report if text != "solved")
+    if possible < len(report):
+        print(
+            f"  {len(report) - possible} x no plan exists: the straight line leaves the workspace"
+        )
+    failures = [(label, text) for label, able, text, _ in report if able and text != "solved"]
+    kinds = Counter(text.split(":")[0] for _, text in failures)
     for kind, number in kinds.most_common():
         print(f"  {number} x {kind}")
-    for label, text, _ in report:
-        if text != "solved":
-            print(f"    {label}: {text}")
+    for label, text in failures:
+        print(f"    {label}: {text}")
 
 
 def main() -> None:

@@ -27,6 +27,8 @@ from planner.solvers.search import (
     tail_tolerance,
     with_joints_chosen_anew,
 )
+from planner.solvers.spectral import FIRST_DEGREE
+from planner.solvers.warm_start import MotionJacobian
 from planner.solving import make_problem, solve
 
 URDF = Path(__file__).parents[1] / "urdf"
@@ -80,6 +82,34 @@ def test_a_plan_made_before_is_a_start() -> None:
     warm = plan(changed, start=planned()).unwrap()
     assert warm.cost == pytest.approx(cold.cost, rel=1e-7)
     assert warm.checks["spectral_iterations"] < cold.checks["spectral_iterations"]
+
+
+def test_a_start_keeps_the_degree_that_its_motion_needed() -> None:
+    fine = {"solver.tolerance": 1e-7, "solver.method": "spectral"}
+    first = planned(fine)
+    degrees: list[int] = []
+    again = plan(
+        human({**fine, "object.mass": 2.2}),
+        start=first,
+        progress=lambda step: degrees.append(step.nodes),
+    ).unwrap()
+    assert first.checks["spectral_degree"] > FIRST_DEGREE
+    assert min(degrees) == first.checks["spectral_degree"]
+    assert again.cost == pytest.approx(planned({**fine, "object.mass": 2.2}).cost, rel=1e-9)
+
+
+def test_where_the_interpolated_jacobian_fails_the_exact_one_is_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def turned(self: MotionJacobian, share: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return -right(self, share, z)
+
+    right = MotionJacobian.__call__
+    monkeypatch.setattr(MotionJacobian, "__call__", turned)
+    scenario = human({"object.mass": 2.5, "solver.start": "spectral"})
+    assert plan(scenario).unwrap().cost == pytest.approx(
+        planned({"object.mass": 2.5}).cost, rel=1e-9
+    )
 
 
 def test_a_plan_of_other_arms_is_no_start() -> None:

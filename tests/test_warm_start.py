@@ -7,7 +7,10 @@ import pytest
 from mechanisms import human_arms as human
 from plans import CASES, minimised, problem_of, solved
 
+from planner.solution import Solution
+from planner.solvers.collocation import solve_collocation
 from planner.solvers.warm_start import (
+    MotionJacobian,
     adapted_mesh,
     spectral_solution,
     spectral_states,
@@ -131,3 +134,29 @@ def test_the_spectral_solution_moves_as_its_torques_demand(case: str) -> None:
         assert np.max(np.abs(slope[:, criterion.at_rate] - accelerations)) < 1e-2 * size
     assert solution.cost == result.cost
     assert solution.residual < 1e-2
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_jacobian_along_the_motion_is_that_of_the_equations(case: str) -> None:
+    """A few samples of it resolve it as they resolve the states, ends included."""
+    problem = problem_of(human(CASES[case]))
+    _, states = warm_start(problem, minimised(problem), 1e-4)
+    share = np.linspace(0.0, 1.0, 81)
+    z = problem.scaled(states(share))
+    exact = problem.jacobian(share, z)
+    known = MotionJacobian(problem, states)(share, z)
+    size = np.abs(exact).max(axis=2, keepdims=True)
+    assert np.max(np.abs(known - exact) / (1e-3 + size)) < 5e-3
+
+
+def test_newton_converges_as_with_the_exact_jacobian() -> None:
+    problem = problem_of(human())
+    guess, states = warm_start(problem, minimised(problem), 1e-4)
+    settings = {"tolerance": 1e-4, "max_nodes": 2000, "guess": guess}
+    whole = solve_collocation(problem, **settings)
+    interpolated = solve_collocation(problem, jacobian=MotionJacobian(problem, states), **settings)
+    assert isinstance(whole, Solution)
+    assert isinstance(interpolated, Solution)
+    assert interpolated.iterations == whole.iterations
+    assert len(interpolated.mesh) == len(whole.mesh)
+    assert interpolated.cost == pytest.approx(whole.cost, rel=1e-10)

@@ -18,7 +18,7 @@ from planner.vectors import cross
 if TYPE_CHECKING:
     from planner.result import Plan
 
-_SAMPLES = 251
+_SAMPLES = 4  # per degree, closer together towards the ends, as a fit of that degree needs them
 _DEGREE = 18
 _FAR = 0.1  # of the largest singular value: well away from a singularity
 _BETTER = 3.0  # times farther from a singularity, or the joints stay as they are
@@ -65,7 +65,9 @@ def curves_of_plan(transport: Transport, plan: Plan) -> Curves:
             value=list(plan.joint_names),
             remedy=f"it must have the joints {', '.join(chain.joint_names)}",
         )
-    every = np.unique(np.linspace(0, len(plan.time) - 1, _SAMPLES).astype(int))
+    degree = int(plan.checks.get("spectral_degree", _DEGREE))
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _SAMPLES * degree))
+    every = np.unique(np.rint(share * (len(plan.time) - 1)).astype(int))
     q = plan.q[every]
     at = chain.dynamics.placements(q)
     position, _ = chain.object_pose(at)
@@ -73,7 +75,6 @@ def curves_of_plan(transport: Transport, plan: Plan) -> Curves:
     force = plan.hand_force_right[every]
     moment = plan.hand_moment_right[every] - cross(point - position, force)
     multiplier = -chain.loop(at).multiplier(np.concatenate([force, moment], axis=1))
-    degree = int(plan.checks.get("spectral_degree", _DEGREE))
     return fit_curves(transport, plan.time[every] / plan.duration, q, multiplier, degree)
 
 
