@@ -111,11 +111,22 @@ def descend(
     tolerance: float,
     report: Callable[[int, float, float], None],
     barred: Callable[[Point], bool],
+    coarse: Callable[[Point, float], bool],
 ) -> tuple[Point, float, int, str]:
     """Returns the last iterate, its predicted relative decrease, the steps, and why it ended.
 
+    That is "converged", "coarse" or what kept it from descending further.
+
     Once Gauss-Newton errs, steps of the exact Hessian are tried beside its own, and the better one
     is taken: far from the valley's floor, negative curvature holds over short ways only.
+
+    Args:
+        problem: The minimisation.
+        point: First iterate.
+        tolerance: Relative cost that may still be gained.
+        report: Called after each step with degree, predicted relative decrease and cost.
+        barred: Whether the way down from an iterate is barred in these independent joints.
+        coarse: Whether the degree leaves more at an iterate than such a decrease.
     """
     radius, exact_radius = _FIRST_RADIUS, _FIRST_RADIUS
     exact, errors, before, relative = False, 0, np.inf, np.inf
@@ -153,6 +164,8 @@ def descend(
         settled = left < tolerance and not (surplus and relative > _SADDLE * tolerance)
         if not best.limited and best.convex and (settled or relative < 1e-3 * tolerance):
             return point, relative, step + 1, "converged"
+        if relative < 1e-2 and not best.limited and best.convex and coarse(point, relative):
+            return point, relative, step + 1, "coarse"
         wrong = abs(best.ratio - 1.0) > _ERRS and pace > _SLOW and relative < 1e-2
         errors = errors + 1 if wrong else 0
         if not exact and errors >= _PATIENCE:

@@ -8,7 +8,7 @@ sample, so that every iterate is feasible and the problem has no constraints lef
 
 over the free coefficients, a nonlinear least-squares problem on Gauss nodes. Gauss-Newton steps
 with adaptive damping lead to the valley, Newton steps with second derivatives down its floor.
-The degree grows until the coefficients have decayed.
+The degree grows until the coefficients have decayed: as soon as that would gain more than going on.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ REDUNDANT_DEGREE = 20  # the first one where surplus joints have motions of thei
 DEGREE_STEP = 6
 LAST_DEGREE = 60
 _NEAR = 0.03  # of the closure's size: nearer to a singularity, other independent joints are sought
+_ENOUGH = 10.0  # times a tail squared, which its cost is off by: what smaller steps gain is lost
 _HOPELESS = 20.0  # times the tail allowed: where the last degree would still leave more, it ends
 
 
@@ -49,7 +50,8 @@ class SpectralResult:
         iterations: Steps taken at all degrees.
         decrease: Predicted relative decrease of the next step.
         converged: Whether that is below the tolerance and the tail has decayed.
-        settled: Whether it is below the tolerance, however much of a tail is left.
+        settled: Whether it is below the tolerance, however much of a tail is left, or below what
+            the degree leaves.
         refinements: Progress.
         seconds: Time taken [s].
         message: Why it ended.
@@ -110,9 +112,15 @@ def minimise(
     def barred(point: Point) -> bool:
         return watch_joints and _is_barred(transport, problem, point)
 
+    def coarse(point: Point, decrease: float) -> bool:
+        """Whether more could be gained by a higher degree than by going on with this one."""
+        rest = resolution(problem, point)
+        return rest > tail and decrease < _ENOUGH * rest**2 and problem.degree < last
+
+    redundant = transport.chain.p > transport.chain.r
     if degree is None:
-        redundant = transport.chain.p > transport.chain.r
         degree = REDUNDANT_DEGREE if redundant else FIRST_DEGREE
+    last = degree + (LAST_DEGREE - degree) // DEGREE_STEP * DEGREE_STEP
     steps, before = 0, np.inf
     curves = start
     while True:
@@ -124,13 +132,13 @@ def minimise(
             degree -= DEGREE_STEP  # what was found at that one stands
             break
         problem, point = finer, start_point
-        point, decrease, taken, message = descend(problem, point, tolerance, report, barred)
+        point, decrease, taken, message = descend(problem, point, tolerance, report, barred, coarse)
         steps += taken
         curves = problem.curves(point)
         problem.remember(point)
         rest = resolution(problem, point)
-        good = message == "converged"
-        more = (LAST_DEGREE - degree) // DEGREE_STEP
+        good = message in ("converged", "coarse")
+        more = (last - degree) // DEGREE_STEP
         if not good or rest < tail or more <= 0:
             break
         if rest < before < np.inf and rest * (rest / before) ** more > _HOPELESS * tail:

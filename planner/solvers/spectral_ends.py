@@ -213,16 +213,28 @@ class Ends:
         known = self._known[index]
         if known is not None and known[0] is values:
             return known[1]
-        null = self.null(index, values).T
+        null = self.null(index, values)
+        if len(values.force):
+            motion, force = self._differences(index, values, null.T)
+        else:  # no torques are prescribed: rates and accelerations are the same at every posture
+            motion = np.zeros((*values.motion.shape, null.shape[1]))
+            motion[0] = null
+            force = np.zeros((0, self.transport.chain.m, null.shape[1]))
+        self._known[index] = values, (motion, force)
+        return motion, force
+
+    def _differences(
+        self, index: int, values: EndValues, along: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the derivatives of the end's values along motions of y, (free, p)."""
         y = values.at.q[:, self.transport.joints.independent]
         # off the allowed postures by the same on both sides, which the difference does not see
-        at = self._closed(values.at, np.concatenate([y + _XI_STEP * null, y - _XI_STEP * null]))
-        free = len(null)
+        at = self._closed(values.at, np.concatenate([y + _XI_STEP * along, y - _XI_STEP * along]))
+        free = len(along)
         motion, force = (
             ((part[:free] - part[free:]) / (2.0 * _XI_STEP)).transpose(1, 2, 0)
             for part in self.taken(index, at)
         )
-        self._known[index] = values, (motion, force)
         return motion, force
 
     def null(self, index: int, values: EndValues) -> np.ndarray:

@@ -23,7 +23,7 @@ from planner.assembly import build_chain
 from planner.chain import ClosedChain
 from planner.scenario import Scenario
 
-TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
 GRID = {
     3: (2, 3, 4, 6, 8, 10, 12, 16, 20),
     4: (2, 3, 4, 5, 6, 8, 10, 12),
