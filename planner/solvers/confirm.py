@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from planner.scenario import Scenario
 
 _AGREEMENT = 1e-3
+_GROWTH = 1.5  # of the adapted mesh, which hardly needs any
 
 
 def confirm(
@@ -35,12 +36,16 @@ def confirm(
             scenario,
             nodes=len(guess.share),
         )
-    known = MotionJacobian(problem, states)
-    for jacobian in (known, problem.jacobian):
+    # with the Jacobian along the motion first: where that will not do, the mesh grows at once
+    most = scenario.solver.max_nodes
+    for jacobian, nodes in (
+        (MotionJacobian(problem, states), min(_GROWTH * len(guess.share), most)),
+        (problem.jacobian, most),
+    ):
         found = solve_collocation(
             problem,
             tolerance=scenario.solver.tolerance,
-            max_nodes=scenario.solver.max_nodes,
+            max_nodes=int(nodes),
             guess=guess,
             jacobian=jacobian,
             progress=progress,
