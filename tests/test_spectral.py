@@ -19,6 +19,7 @@ from planner.solvers.basis import spline_at_nodes
 from planner.solvers.curves import Curves
 from planner.solvers.spectral import minimise, resolution
 from planner.solvers.spectral_curvature import torque_curvature
+from planner.solvers.spectral_derivatives import normal_equations, torque_bend
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import carry_over, project
 
@@ -112,7 +113,7 @@ def cost_along(spectral: SpectralProblem, point: Point, move: np.ndarray, time: 
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None:
     spectral, point = somewhere(problem_of(scenarios[name]))
-    gradient, matrix = spectral.normal_equations(point)
+    gradient, matrix = normal_equations(spectral, point)
     hessian = matrix + torque_curvature(spectral, point)
     assert np.max(np.abs(hessian - hessian.T)) < 1e-6 * np.max(np.abs(hessian))
     for move in directions(spectral, point, 4):
@@ -133,7 +134,7 @@ def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None
 def test_gauss_newton_alone_is_not_the_hessian(scenarios: dict[str, Scenario], name: str) -> None:
     """What the curvature adds is no trifle: without it the test above would fail."""
     spectral, point = somewhere(problem_of(scenarios[name]))
-    _, matrix = spectral.normal_equations(point)
+    _, matrix = normal_equations(spectral, point)
     extra = torque_curvature(spectral, point)
     moves = directions(spectral, point, 4)
     share = [abs(move @ extra @ move) / abs(move @ matrix @ move) for move in moves]
@@ -166,7 +167,9 @@ def test_the_torques_bend_along_a_step(scenarios: dict[str, Scenario], name: str
     if criterion.torque_is_state:
         slopes = spectral.derivative @ second, spectral.derivative @ along
         wanted += float((weight * criterion.rate_weights * slopes[0] * slopes[1]).sum())
-    assert spectral.torque_bend(point, near, step, share) @ other == pytest.approx(wanted, rel=5e-3)
+    assert torque_bend(spectral, point, near, step, share) @ other == pytest.approx(
+        wanted, rel=5e-3
+    )
 
 
 def test_two_pandas_need_no_second_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,7 +209,7 @@ def test_the_minimum_is_stationary(name: str) -> None:
     """The predicted gain of one more Newton step is below the tolerance."""
     result = minimised(problem_of(human(CASES[name])))
     spectral, best = result.problem, result.point
-    gradient, matrix = spectral.normal_equations(best)
+    gradient, matrix = normal_equations(spectral, best)
     hessian = matrix + torque_curvature(spectral, best)
     assert np.linalg.eigvalsh(hessian)[0] > 0.0
     gain = 0.5 * gradient @ np.linalg.solve(hessian, gradient)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.solvers.spectral_curvature import torque_curvature
+from planner.solvers.spectral_derivatives import normal_equations, torque_bend
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.trust_region import QuadraticModel, Step
 
@@ -62,7 +63,7 @@ def _bend(
     near = problem.moved(point, _PROBE * step.move)
     if near is None:
         return np.zeros_like(step.move), np.inf
-    bend = -0.5 * step.solve(problem.torque_bend(point, near, step.move, _PROBE))
+    bend = -0.5 * step.solve(torque_bend(problem, point, near, step.move, _PROBE))
     return bend, 2.0 * model.length(bend) / step.length
 
 
@@ -133,7 +134,7 @@ def descend(
     surplus = problem.transport.chain.p > problem.transport.chain.r
     metric = problem.metric(point)
     for step in range(_MAX_STEPS):
-        gradient, matrix = problem.normal_equations(point)
+        gradient, matrix = normal_equations(problem, point)
         best, newton = None, False
         while best is None:
             if exact:

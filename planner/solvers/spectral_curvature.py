@@ -8,6 +8,7 @@ from planner.constrained_dynamics import tangent
 from planner.criteria.base import Criterion
 from planner.criteria.curvature import STEP, join_tangents
 from planner.solvers.inverse_torques import Torques, inverse_torques
+from planner.solvers.spectral_derivatives import along_torque
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.vectors import matvec, transpose
 
@@ -15,12 +16,12 @@ _SECOND_STEP = 3e-4  # rad, second differences along the free postures of an end
 
 
 def _contraction(
-    criterion: Criterion, torques: Torques, along_torque: np.ndarray, weight: np.ndarray
+    criterion: Criterion, torques: Torques, pull: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
     """Returns the gradient along (y, dy/dt, d2y/dt2, lambda) at samples, (K, 3 p + m)."""
-    motion = torques.pulled_back(along_torque)
+    motion = torques.pulled_back(pull)
     parts = [motion[:, order] for order in range(3)]
-    parts.append(matvec(transpose(torques.along_multiplier), along_torque))
+    parts.append(matvec(transpose(torques.along_multiplier), pull))
     cost = criterion.state_cost
     if cost is not None:
         s = torques.tangent.s
@@ -61,9 +62,9 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
         repeat(point.torques.multiplier),
     )
     weight = problem.nodes.weights[:, None] * problem.transport.duration
-    along_torque = problem.along_torque(point)
-    gradients = _contraction(problem.criterion, torques, repeat(along_torque), repeat(weight))
-    old = _contraction(problem.criterion, point.torques, along_torque, weight)
+    pull = along_torque(problem, point.torques.tau)
+    gradients = _contraction(problem.criterion, torques, repeat(pull), repeat(weight))
+    old = _contraction(problem.criterion, point.torques, pull, weight)
     change = gradients.reshape(2, p, count, -1) - old
     size = 3 * p + problem.m
     second = np.zeros((count, size, size))

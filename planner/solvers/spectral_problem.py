@@ -1,4 +1,4 @@
-"""The criterion as a function of polynomial coefficients, with gradient and Gauss-Newton matrix."""
+"""The criterion as a function of polynomial coefficients, and how quantities depend on them."""
 
 from __future__ import annotations
 
@@ -252,73 +252,12 @@ class SpectralProblem:
         return slice(0, basis.ends[0]) if index == 0 else slice(basis.ends[0], basis.conditions)
 
     @cached_property
-    def _roots(self) -> tuple[np.ndarray, np.ndarray]:
+    def roots(self) -> tuple[np.ndarray, np.ndarray]:
         """Roots of the weights of squared torques and of squared slopes at the nodes, (K, N)."""
         weight = self.nodes.weights[:, None] * self.transport.duration
         criterion = self.criterion
         of_rates = criterion.rate_weights if criterion.torque_is_state else np.zeros(self.n)
         return np.sqrt(weight * criterion.torque_weights), np.sqrt(weight * of_rates)
-
-    def design(self, point: Point) -> np.ndarray:
-        """Returns the torques' derivatives along the unknowns, (K, N, size), kept in the point."""
-        if point.design is None:
-            torques = point.torques
-            along = torques.along_motion, torques.along_multiplier
-            point.design = self.along_unknowns(point, *along)
-        return point.design
-
-    def normal_equations(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """Returns gradient, (size,), and Gauss-Newton matrix, (size, size)."""
-        criterion, torques, design = self.criterion, point.torques, self.design(point)
-        count, size = len(self.nodes.u), self.size
-        of_torque, of_rate = self._roots
-        parts = []
-        if criterion.torque_is_state:
-            slopes = self.derivative @ design.reshape(count, -1)
-            parts.append((point.slope, slopes.reshape(design.shape), of_rate))
-        if np.any(criterion.torque_weights):
-            parts.append((torques.tau, design, of_torque))
-        cost = criterion.state_cost
-        if cost is not None:
-            at, weight = torques.tangent, self.nodes.weights[:, None] * self.transport.duration
-            speeds = self.along_unknowns(point, np.stack([torques.derivatives.drag, at.s], axis=1))
-            postures = self.along_unknowns(point, at.s[:, None])
-            parts.append((torques.v, speeds, np.sqrt(cost.speed * weight)))
-            away = at.q - cost.reference
-            parts.append((away, postures, np.sqrt(cost.posture * weight)))
-        matrix, gradient = np.zeros((size, size)), np.zeros(size)
-        for value, derivative, root in parts:
-            rows = (derivative * root[..., None]).reshape(-1, size)
-            matrix += rows.T @ rows
-            gradient += (value * root).ravel() @ rows
-        return gradient, matrix
-
-    def along_torque(self, point: Point) -> np.ndarray:
-        """Returns the cost's derivative along the torques at the nodes, (K, N)."""
-        return self._weighed(point.torques.tau)
-
-    def _weighed(self, tau: np.ndarray) -> np.ndarray:
-        """Returns the cost's derivative along torques at the nodes, (K, N), which is linear."""
-        of_torque, of_rate = self._roots
-        result = of_torque**2 * tau
-        if self.criterion.torque_is_state:
-            result += self.derivative.T @ (of_rate**2 * (self.derivative @ tau))
-        return result
-
-    def torque_bend(self, point: Point, near: Point, move: np.ndarray, share: float) -> np.ndarray:
-        """Returns the torques' second derivative along a step, as a gradient of the cost, (size,).
-
-        Args:
-            point: The iterate.
-            near: The iterate after a share of the step.
-            move: The step.
-            share: That share: the torques' difference of second order is taken over it.
-        """
-        design = self.design(point)
-        second = (near.torques.tau - point.torques.tau) / share - design @ move
-        weight = self._weighed(second * (2.0 / share))
-        result: np.ndarray = np.tensordot(weight, design, axes=2)
-        return result
 
     def curves(self, point: Point) -> Curves:
         """Returns the iterate's polynomials."""

@@ -27,7 +27,8 @@ PHASES: dict[str, tuple[str, ...]] = {
     "solve: spectral, the rest": ("planner.solvers.search:minimise",),
     "solve: spectral evaluations": ("planner.solvers.spectral_problem:SpectralProblem.evaluate",),
     "solve: spectral derivatives": (
-        "planner.solvers.spectral_problem:SpectralProblem.normal_equations",
+        "planner.solvers.descent:normal_equations",
+        "planner.solvers.descent:torque_bend",
         "planner.solvers.descent:torque_curvature",
     ),
     "solve: costates and mesh": (
@@ -45,15 +46,17 @@ PHASES: dict[str, tuple[str, ...]] = {
         "planner.boundary_value_problem:BoundaryValueProblem.evaluate",
     ),
     "solve: Jacobians": (
+        "planner.solvers.confirm:MotionJacobian",
+        "planner.solvers.warm_start:MotionJacobian.__call__",
         "planner.boundary_value_problem:BoundaryValueProblem.jacobian",
         "planner.boundary_value_problem:BoundaryValueProblem.boundary_jacobian",
     ),
     "solve: linear algebra": (
         "scipy.integrate._bvp:splu",
         "scipy.integrate._bvp:construct_global_jac",
-        "planner.solvers.descent:reduce_model",
-        "planner.solvers.descent:newton_step",
-        "planner.solvers.descent:trust_region_step",
+        "planner.solvers.trust_region:QuadraticModel._newton_step",
+        "planner.solvers.trust_region:reduce_model",
+        "planner.solvers.trust_region:trust_region_step",
         "scipy.linalg:cho_factor",
         "scipy.linalg:cho_solve",
         "scipy.linalg:solve",
