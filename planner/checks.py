@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import LinAlgError
 
 from planner.chain import ClosedChain
 from planner.replay import replay_checks
@@ -20,8 +22,8 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
     `closure` [m, rad], `force_balance` [N], `torque_balance` [Nm], `end_speed` [rad/s],
     `replay_end`, `replay_max` and more where these are large (see `replay_checks`), `hamiltonian`
     (its drift over the range of its terms), `pontryagin_residual` (relative residual of the adjoint
-    equations), `condition` (worst condition number of the closure), `limits` (what exceeds a
-    limit, in words).
+    equations), `second_variation` (the least of the cost, relative to it), `condition` (worst
+    condition number of the closure), `limits` (what exceeds a limit, in words).
 
     Args:
         chain: The closed chain.
@@ -42,6 +44,9 @@ def verify(chain: ClosedChain, plan: Plan, solution: Solution | None) -> dict[st
     if solution is not None:
         checks["hamiltonian"] = hamiltonian_drift(solution)
         checks["pontryagin_residual"] = solution.residual
+        if solution.second_variation is not None:
+            with contextlib.suppress(LinAlgError):  # then it is not known
+                checks["second_variation"] = solution.second_variation()
         checks |= solution.evidence
     return checks | replay_checks(chain, plan)
 

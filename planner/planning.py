@@ -24,6 +24,12 @@ from planner.transport import Transport, make_transport
 if TYPE_CHECKING:
     from planner.scenario import Scenario
 
+_FLAT = 1e-6  # relative second variation that differences cannot tell from none
+_SADDLE = (
+    "the motion is extremal but no minimum: a small change of it lowers the cost further (see the "
+    "check second_variation); several starts find a better one: --set solver.starts=8"
+)
+
 
 def plan(
     scenario: Scenario,
@@ -63,6 +69,8 @@ def plan(
     if isinstance(result, Failure):
         return result
     result = replace(result, checks=verify(chain, result, solution))
+    if result.checks.get("second_variation", 0.0) < -_FLAT:
+        result = replace(result, remarks=(*result.remarks, _SADDLE))
     return replace(result, solver=result.solver | {"seconds_total": time.perf_counter() - began})
 
 

@@ -54,6 +54,8 @@ class Solution:
         seconds: Time that the solve took [s].
         remarks: What the reader should know, e.g. a continuation that was needed.
         evidence: Further numbers for the plan's checks.
+        second_variation: Gives the least second variation of the cost, relative to it; None where
+            the method does not know it.
     """
 
     problem: BoundaryValueProblem
@@ -67,6 +69,7 @@ class Solution:
     seconds: float
     remarks: tuple[str, ...] = field(default=())
     evidence: dict[str, Any] = field(default_factory=dict)
+    second_variation: Callable[[], float] | None = None
 
     @cached_property
     def residual(self) -> float:

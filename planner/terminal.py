@@ -30,6 +30,7 @@ ALL_LINES = 40  # so many lines of progress are all printed
 ACCURACY = {
     "pontryagin_residual": ("Pontryagin residual", "relative"),
     "hamiltonian": ("Hamiltonian drift", "of the range of its terms"),
+    "second_variation": ("second variation, least", "of the cost; positive: a minimum"),
     "closure": ("closure", "m, rad"),
     "force_balance": ("force balance", "N"),
     "torque_balance": ("torque balance", "Nm"),

@@ -10,6 +10,7 @@ from planner.outcome import Failure, failure
 from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import solve_collocation
 from planner.solvers.search import sharpened
+from planner.solvers.second_variation import least_second_variation
 from planner.solvers.spectral import SpectralResult
 from planner.solvers.warm_start import MotionJacobian, spectral_solution, warm_start
 
@@ -59,6 +60,7 @@ def confirm(
         found,
         seconds=found.seconds + result.seconds,
         refinements=result.refinements + found.refinements,
+        second_variation=lambda: least_second_variation(result.problem, result.point)[0],
     )
     return compare(scenario, found, result)
 
