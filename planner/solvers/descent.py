@@ -90,8 +90,9 @@ def _try_steps(
         new = problem.moved(point, step.move + bend)
         ratio = -1.0 if new is None else (point.cost - new.cost) / max(step.gain, 1e-300)
         if new is not None and (ratio > 1e-3 or relative < _ROUND_OFF):
-            if bent and ratio > _UNDERRATED and relative > _FINE**2:
+            if bent and ratio > _UNDERRATED and relative > _FINE**2 and 2.0 * step.length < _LONG:
                 far = 1.0 / max(2.0 - ratio, 0.25)  # where a parabola has its minimum, at most 4
+                far = min(far, _LONG / step.length)
                 longer = problem.moved(point, far * step.move + far**2 * bend)
                 new = longer if longer is not None and longer.cost < new.cost else new
             if ratio > 0.7 and limited:
@@ -165,7 +166,8 @@ def descend(
         settled = left < tolerance and not (surplus and relative > _SADDLE * tolerance)
         if not best.limited and best.convex and (settled or relative < 1e-3 * tolerance):
             return point, relative, step + 1, "converged"
-        if relative < 1e-2 and not best.limited and best.convex and coarse(point, relative):
+        sound = best.foreseen and best.ratio < _UNDERRATED
+        if relative < 1e-2 and sound and coarse(point, relative):
             return point, relative, step + 1, "coarse"
         wrong = abs(best.ratio - 1.0) > _ERRS and pace > _SLOW and relative < 1e-2
         errors = errors + 1 if wrong else 0
