@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,7 @@ def confirm(
 ) -> Solution | Failure:
     """Returns the boundary value solution that starts from the spectral one."""
     result = sharpened(scenario, problem, result, progress)
+    began = time.perf_counter()
     guess, states = warm_start(problem, result, scenario.solver.tolerance)
     if len(guess.share) > scenario.solver.max_nodes:
         return failure(
@@ -58,7 +60,7 @@ def confirm(
         return found
     found = replace(
         found,
-        seconds=found.seconds + result.seconds,
+        seconds=result.seconds + time.perf_counter() - began,
         refinements=result.refinements + found.refinements,
         second_variation=lambda: least_second_variation(result.problem, result.point)[0],
     )
@@ -94,6 +96,7 @@ def compare(scenario: Scenario, found: Solution, result: SpectralResult) -> Solu
             f"the spectral method ended at a cost of {result.cost:.6g} ({result.message}); the "
             f"boundary value solution is {found.cost:.6g}",
         )
+        found = replace(found, second_variation=None)  # it would be that of another motion
     return replace(found, remarks=remarks, evidence=evidence)
 
 

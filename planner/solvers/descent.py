@@ -64,7 +64,7 @@ def _bend(
     if near is None:
         return np.zeros_like(step.move), np.inf
     bend = -0.5 * step.solve(torque_bend(problem, point, near, step.move, _PROBE))
-    return bend, 2.0 * model.length(bend) / step.length
+    return bend, 2.0 * model.length(bend) / max(step.length, 1e-300)
 
 
 def _try_steps(

@@ -7,8 +7,9 @@ sample, so that every iterate is feasible and the problem has no constraints lef
     min 1/2 int (d tau/dt)' W (d tau/dt) + tau' V tau + state cost  dt
 
 over the free coefficients, a nonlinear least-squares problem on Gauss nodes. Gauss-Newton steps
-with adaptive damping lead to the valley, Newton steps with second derivatives down its floor.
-The degree grows until the coefficients have decayed: as soon as that would gain more than going on.
+that follow the valley's bend lead down, and Newton steps with second derivatives where these err.
+The degree grows until the coefficients have decayed, each time as soon as a finer one gains more
+than going on.
 """
 
 from __future__ import annotations
