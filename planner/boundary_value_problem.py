@@ -21,7 +21,6 @@ from planner.criteria.base import Criterion, Evaluation
 from planner.independent_joints import Coordinates
 from planner.transport import Transport
 
-_CLOSURE = 1e-9  # m, rad: while solving; far below any residual that is asked for
 _DIFFERENCE = 1e-4  # of a scaled state, for boundary conditions that are not linear
 
 
@@ -58,6 +57,7 @@ class BoundaryValueProblem:
         start: Conditions at the start.
         goal: Conditions at the goal.
         lost: Share of the duration at which closure was lost last, None if it was not.
+        closure: Bound on the gap while solving [m, rad], see `ask_for`.
         boundary_calls: How often the boundary conditions were evaluated, for counting steps.
     """
 
@@ -71,6 +71,7 @@ class BoundaryValueProblem:
         self.start = EndConditions(*parts, transport.start)
         self.goal = EndConditions(*parts, transport.goal)
         self.lost: float | None = None
+        self.closure = CLOSURE_TOLERANCE
         self.boundary_calls = 0
         self._mesh: tuple[np.ndarray, np.ndarray] | None = None
         self._known: list[tuple[np.ndarray, np.ndarray, float, Evaluation]] = []
@@ -130,6 +131,13 @@ class BoundaryValueProblem:
         prescribed = end.prescribed_torque(end.at_posture)
         return torque[None] if prescribed is None else np.asarray(prescribed)
 
+    def ask_for(self, tolerance: float) -> None:
+        """Closes the chain while solving as finely as a relative residual needs it.
+
+        What gap is left counts a thousandfold in the residual of light arms.
+        """
+        self.closure = min(1e-9, max(1e-5 * tolerance, CLOSURE_TOLERANCE))
+
     # ---- the problem as solve_bvp takes it: samples last -----------------------------------------
 
     def physical(self, z: np.ndarray) -> np.ndarray:
@@ -169,7 +177,7 @@ class BoundaryValueProblem:
     def right_side(self, share: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Returns dz/ds, (., K); NaN where the chain cannot be closed."""
         x = self.physical(z)
-        at = self.evaluate(share, x, _CLOSURE)
+        at = self.evaluate(share, x, self.closure)
         if share[0] == 0.0 and share[-1] == 1.0 and len(share) > 1:
             self._mesh = share, x
         with np.errstate(all="ignore"):
@@ -180,7 +188,7 @@ class BoundaryValueProblem:
     def jacobian(self, share: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Returns d(dz/ds)/dz, (., ., K)."""
         x = self.physical(z)
-        at = self.evaluate(share, x, _CLOSURE)
+        at = self.evaluate(share, x, self.closure)
         with np.errstate(all="ignore"):
             slope = self.criterion.jacobian(self.coordinates, at, x, 1.0 / self.transport.duration)
         slope *= self.transport.duration * self.scale[None, None, :] / self.scale[None, :, None]
@@ -244,5 +252,5 @@ class BoundaryValueProblem:
             return self.straight_guess.cost
         share, x = self._mesh
         with np.errstate(all="ignore"):
-            running = self.criterion.running_cost(self.evaluate(share, x, _CLOSURE), x)
+            running = self.criterion.running_cost(self.evaluate(share, x, self.closure), x)
         return float(simpson(running, x=share) * self.transport.duration)

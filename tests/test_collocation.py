@@ -12,6 +12,7 @@ from plans import CASES, FREE, TORQUE, ZERO_ENDS, problem_of, solved
 
 from planner.blas import one_blas_thread
 from planner.boundary_value_problem import Guess
+from planner.independent_joints import Coordinates
 from planner.outcome import Failure
 from planner.solution import Refinement, Solution, integrate_cost
 from planner.solvers.collocation import INITIAL_NODES, solve_collocation
@@ -159,3 +160,22 @@ def test_one_blas_thread() -> None:
         with one_blas_thread():
             assert set(threads()) == {1}
         assert threads() == before
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_the_chain_is_closed_far_more_finely_than_the_residual_asks(
+    monkeypatch: pytest.MonkeyPatch, tolerance: float
+) -> None:
+    """Left at 1e-9 m, gaps alone kept a light arm's residual above 1e-6, on any mesh."""
+    gaps: list[float] = []
+    right = Coordinates.close
+
+    def watched(self: Coordinates, share: np.ndarray, y: np.ndarray) -> Any:
+        gaps.append(self.tolerance)
+        return right(self, share, y)
+
+    monkeypatch.setattr(Coordinates, "close", watched)
+    found = from_the_line({}, tolerance=tolerance)
+    assert isinstance(found, Solution)
+    assert found.residual <= tolerance
+    assert max(gaps) == pytest.approx(1e-5 * tolerance)

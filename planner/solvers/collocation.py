@@ -93,6 +93,7 @@ def solve_collocation(
     share, start = _mesh(problem, guess, max_nodes)
     reader = _RefinementReader(problem, progress)
     problem.boundary_calls = 0
+    problem.ask_for(tolerance)
     with one_blas_thread(), contextlib.redirect_stdout(reader):
         try:
             found = solve_bvp(

@@ -31,6 +31,7 @@ def confirm(
     """Returns the boundary value solution that starts from the spectral one."""
     result = sharpened(scenario, problem, result, progress)
     began = time.perf_counter()
+    problem.ask_for(scenario.solver.tolerance)
     guess, states = warm_start(problem, result, scenario.solver.tolerance)
     if len(guess.share) > scenario.solver.max_nodes:
         return failure(
