@@ -79,6 +79,11 @@ class ClosedChain:
         return len(self.task_rows(self.orientation))
 
     @property
+    def redundant(self) -> bool:
+        """Whether the arms can move while the object stays as the task prescribes it."""
+        return self.p > self.r
+
+    @property
     def planar(self) -> bool:
         """Whether all joints move in one plane."""
         return self.normal is not None

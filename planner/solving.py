@@ -147,7 +147,7 @@ def _finish(
         squeezed = unbounded_squeeze(scenario, problem, result)
         if squeezed is not None:
             return squeezed
-    redundant = transport.chain.p > transport.chain.r
+    redundant = transport.chain.redundant
     if redundant and scenario.criterion.speed_cost == "auto" and not _converged(result):
         return _with_speed_cost(scenario, transport, problem, result, progress)
     if settings.method == "spectral":
@@ -194,11 +194,9 @@ def _with_speed_cost(
             continue
         problem, result = with_joints_chosen_anew(scenario, problem, result, progress)
         found: Solution | Failure
-        if scenario.solver.method == "spectral":
-            if not result.converged:
-                continue
+        if scenario.solver.method == "spectral" and result.converged:
             found = spectral_solution(problem, result)
-        elif is_usable(scenario, result):
+        elif scenario.solver.method != "spectral" and is_usable(scenario, result):
             found = confirm(scenario, problem, result, progress)
         else:
             continue

@@ -105,11 +105,10 @@ def make_transport(
         "task.start.xyz",
         random_seed=scenario.solver.seed,
     )
-    redundant = chain.p > chain.r
     goal_q = find_posture(
         chain,
         goal_pose,
-        near[-1] if near is not None else (start_q if redundant else reference),
+        near[-1] if near is not None else (start_q if chain.redundant else reference),
         "task.goal.xyz",
         seeds=[start_q],
         random_seed=scenario.solver.seed,

@@ -32,8 +32,7 @@ def joint_weights(scenario: Scenario, chain: ClosedChain) -> np.ndarray:
     given = scenario.criterion.weights
     if given == "auto":
         limits = chain.both("effort_limit")
-        redundant = chain.p > chain.r
-        given = "effort" if redundant and np.isfinite(limits).all() else "unit"
+        given = "effort" if chain.redundant and np.isfinite(limits).all() else "unit"
     if given == "unit":
         return np.ones(chain.n)
     if given == "effort":

@@ -11,7 +11,6 @@ from planner.outcome import Failure, failure
 from planner.solution import ProgressCallback, Solution
 from planner.solvers.collocation import solve_collocation
 from planner.solvers.search import sharpened
-from planner.solvers.second_variation import least_second_variation
 from planner.solvers.spectral import SpectralResult
 from planner.solvers.warm_start import MotionJacobian, spectral_solution, warm_start
 
@@ -31,7 +30,6 @@ def confirm(
     """Returns the boundary value solution that starts from the spectral one."""
     result = sharpened(scenario, problem, result, progress)
     began = time.perf_counter()
-    problem.ask_for(scenario.solver.tolerance)
     guess, states = warm_start(problem, result, scenario.solver.tolerance)
     if len(guess.share) > scenario.solver.max_nodes:
         return failure(
@@ -63,7 +61,7 @@ def confirm(
         found,
         seconds=result.seconds + time.perf_counter() - began,
         refinements=result.refinements + found.refinements,
-        second_variation=lambda: least_second_variation(result.problem, result.point)[0],
+        second_variation=result.second_variation,
     )
     return compare(scenario, found, result)
 

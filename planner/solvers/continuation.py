@@ -88,7 +88,7 @@ def families(scenario: Scenario, transport: Transport) -> Iterator[Family]:
     if not 0.5 < duration / _EASY_DURATION < 2.0:
         yield Family("duration", {"task.duration": (_EASY_DURATION, duration)}, geometric=True)
     goal, start = scenario.task.goal.xyz, scenario.task.start.xyz
-    if transport.chain.p > transport.chain.r:
+    if transport.chain.redundant:
         return
     near = [0.9 * s + 0.1 * g for s, g in zip(start, goal, strict=True)]
     if near != list(goal) and scenario.task.goal.rpy is None:

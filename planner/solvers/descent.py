@@ -132,7 +132,7 @@ def descend(
     """
     radius, exact_radius = _FIRST_RADIUS, _FIRST_RADIUS
     exact, errors, before, relative = False, 0, np.inf, np.inf
-    surplus = problem.transport.chain.p > problem.transport.chain.r
+    redundant = problem.transport.chain.redundant
     metric = problem.metric(point)
     for step in range(_MAX_STEPS):
         gradient, matrix = normal_equations(problem, point)
@@ -163,7 +163,7 @@ def descend(
         pace = relative / before if np.isfinite(before) and before > 0.0 else 1.0
         # what is left is a geometric series of this pace; Newton squares it
         left = relative * (min(pace, 1.0) ** 2 if newton else pace / max(1.0 - pace, 1e-3))
-        settled = left < tolerance and not (surplus and relative > _SADDLE * tolerance)
+        settled = left < tolerance and not (redundant and relative > _SADDLE * tolerance)
         if not best.limited and best.convex and (settled or relative < 1e-3 * tolerance):
             return point, relative, step + 1, "converged"
         sound = best.foreseen and best.ratio < _UNDERRATED

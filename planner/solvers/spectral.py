@@ -26,6 +26,7 @@ from planner.solvers.basis import legendre_analysis
 from planner.solvers.curves import Curves
 from planner.solvers.descent import descend
 from planner.solvers.nearby import with_better_joints
+from planner.solvers.second_variation import least_second_variation
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import first_point
 from planner.transport import Transport
@@ -74,6 +75,10 @@ class SpectralResult:
     problem: SpectralProblem
     point: Point
 
+    def second_variation(self) -> float:
+        """Returns the cost's least second variation, see `least_second_variation`."""
+        return least_second_variation(self.problem, self.point)[0]
+
 
 def minimise(
     transport: Transport,
@@ -118,9 +123,8 @@ def minimise(
         rest = resolution(problem, point)
         return rest > tail and decrease < _ENOUGH * rest**2 and problem.degree < last
 
-    redundant = transport.chain.p > transport.chain.r
     if degree is None:
-        degree = REDUNDANT_DEGREE if redundant else FIRST_DEGREE
+        degree = REDUNDANT_DEGREE if transport.chain.redundant else FIRST_DEGREE
     last = degree + (LAST_DEGREE - degree) // DEGREE_STEP * DEGREE_STEP
     steps, before = 0, np.inf
     curves = start

@@ -7,8 +7,10 @@ postures that leave the object where it shall be; its coordinates are unknowns o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -20,6 +22,8 @@ from planner.independent_joints import Coordinates
 from planner.posture_equations import pose_error
 from planner.transport import Transport
 from planner.vectors import matvec, transpose
+
+_Found = TypeVar("_Found")
 
 _STEPS = 12
 _XI_STEP = 1e-5  # rad, differences along the free postures
@@ -40,6 +44,19 @@ class EndValues:
     force: np.ndarray
 
 
+class _Last(Generic[_Found]):
+    """What was found for the last values of an end."""
+
+    def __init__(self) -> None:
+        self._known: tuple[EndValues, _Found] | None = None
+
+    def of(self, values: EndValues, find: Callable[[], _Found]) -> _Found:
+        """Returns what is known for these values, found anew if they are others."""
+        if self._known is None or self._known[0] is not values:
+            self._known = values, find()
+        return self._known[1]
+
+
 @dataclass(frozen=True, eq=False)
 class Ends:
     """Start and goal of a motion: index 0 and 1 below.
@@ -53,11 +70,11 @@ class Ends:
     transport: Transport
     criterion: Criterion
     coordinates: Coordinates
-    _known: list[tuple[EndValues, tuple[np.ndarray, np.ndarray]] | None] = field(
-        default_factory=lambda: [None, None], repr=False
+    _known_slopes: tuple[_Last[tuple[np.ndarray, np.ndarray]], ...] = field(
+        default_factory=lambda: (_Last(), _Last()), repr=False
     )
-    _null: list[tuple[EndValues, np.ndarray] | None] = field(
-        default_factory=lambda: [None, None], repr=False
+    _known_null: tuple[_Last[np.ndarray], ...] = field(
+        default_factory=lambda: (_Last(), _Last()), repr=False
     )
 
     @cached_property
@@ -210,18 +227,16 @@ class Ends:
 
         Shapes (values of the motion, p, free) and (values of the force, m, free).
         """
-        known = self._known[index]
-        if known is not None and known[0] is values:
-            return known[1]
+        return self._known_slopes[index].of(values, lambda: self._slopes(index, values))
+
+    def _slopes(self, index: int, values: EndValues) -> tuple[np.ndarray, np.ndarray]:
         null = self.null(index, values)
         if len(values.force):
-            motion, force = self._differences(index, values, null.T)
-        else:  # no torques are prescribed: rates and accelerations are the same at every posture
-            motion = np.zeros((*values.motion.shape, null.shape[1]))
-            motion[0] = null
-            force = np.zeros((0, self.transport.chain.m, null.shape[1]))
-        self._known[index] = values, (motion, force)
-        return motion, force
+            return self._differences(index, values, null.T)
+        # no torques are prescribed: rates and accelerations are the same at every posture
+        motion = np.zeros((*values.motion.shape, null.shape[1]))
+        motion[0] = null
+        return motion, np.zeros((0, self.transport.chain.m, null.shape[1]))
 
     def _differences(
         self, index: int, values: EndValues, along: np.ndarray
@@ -242,13 +257,9 @@ class Ends:
 
         The last are kept.
         """
-        known = self._null[index]
-        if known is None or known[0] is not values:
-            known = self._null[index] = values, self._free(index, values)
-        return known[1]
+        return self._known_null[index].of(values, lambda: self._null(index, values))
 
-    def _free(self, index: int, values: EndValues) -> np.ndarray:
-        """Returns `null` anew."""
+    def _null(self, index: int, values: EndValues) -> np.ndarray:
         rows, chain = self.conditions[index].task_rows, self.transport.chain
         jacobian = rows @ chain.object_jacobian(values.at.at)[0] @ values.at.s[0]
         guess = self.null_guess[index]

@@ -23,7 +23,6 @@ from planner.solvers.basis import (
     legendre_values,
 )
 from planner.solvers.inverse_torques import inverse_torques
-from planner.solvers.second_variation import least_second_variation
 from planner.solvers.spectral import SpectralResult
 from planner.vectors import transpose
 
@@ -230,5 +229,5 @@ def spectral_solution(problem: BoundaryValueProblem, result: SpectralResult) -> 
         refinements=result.refinements,
         seconds=result.seconds,
         evidence={"spectral_degree": float(result.degree), "spectral_tail": result.tail},
-        second_variation=lambda: least_second_variation(result.problem, result.point)[0],
+        second_variation=result.second_variation,
     )
