@@ -67,6 +67,22 @@ def matvec(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return (matrix @ vector[..., None])[..., 0]
 
 
+def least_norm(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Returns the shortest solutions of matrix @ x = right over a batch, (..., j, k).
+
+    Args:
+        matrix: Rows independent of each other, (..., i, j).
+        right: (..., i, k).
+    """
+    square = matrix @ transpose(matrix)
+    try:
+        share = np.linalg.solve(square, right)
+    except np.linalg.LinAlgError:
+        share = np.linalg.pinv(square) @ right
+    result: np.ndarray = transpose(matrix) @ share
+    return result
+
+
 def transpose(matrix: np.ndarray) -> np.ndarray:
     """Returns the transposes of a batch of matrices, as a view."""
     return matrix.mT

@@ -281,7 +281,7 @@ def test_shifted_postures_are_closed_to_second_order(mechanism: Mechanism) -> No
     way = np.random.default_rng(0).normal(size=(3, chain.p))
 
     def gap(step: float) -> float:
-        moved = at.shifted(chain, joints, q[:, joints.independent] + step * way)
+        moved = at.shifted(joints, q[:, joints.independent] + step * way)
         np.testing.assert_allclose(
             moved[:, joints.independent], q[:, joints.independent] + step * way, atol=1e-14
         )
@@ -292,5 +292,5 @@ def test_shifted_postures_are_closed_to_second_order(mechanism: Mechanism) -> No
     opened = q.copy()
     opened[:, joints.dependent] += 1e-5
     there = mechanism.freedoms(opened)
-    closed = there.shifted(chain, joints, opened[:, joints.independent])
+    closed = there.shifted(joints, opened[:, joints.independent], chain.gap(there.at))
     assert np.max(np.abs(chain.gap(chain.dynamics.placements(closed)))) < 1e-8

@@ -19,7 +19,7 @@ from planner.solvers.basis import spline_at_nodes
 from planner.solvers.curves import Curves
 from planner.solvers.spectral import minimise, resolution
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import normal_equations, torque_bend
+from planner.solvers.spectral_derivatives import gauss_newton, gradient, metric, torque_bend
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import carry_over, project
 
@@ -93,14 +93,14 @@ def somewhere(problem: BoundaryValueProblem, seed: int = 0) -> tuple[SpectralPro
 def directions(spectral: SpectralProblem, point: Point, count: int, seed: int = 1) -> np.ndarray:
     """Random steps that change the motion by a radian per duration or less, (count, size)."""
     generator = np.random.default_rng(seed)
-    metric = spectral.metric(point)
+    root = metric(spectral, point)
     # postures of both ends may move together, which hardly changes the speeds
-    metric = metric + 0.3 * np.eye(len(metric)) * np.trace(metric) / len(metric)
+    root = root + 0.3 * np.eye(len(root)) * np.trace(root) / len(root)
     result = np.zeros((count, spectral.size))
     for row in result:
-        motion = generator.normal(size=len(metric))
-        row[spectral.motion] = np.linalg.solve(metric, motion) / np.linalg.norm(motion)
-        row[spectral.force] = generator.normal(size=spectral.size - len(metric))
+        motion = generator.normal(size=len(root))
+        row[spectral.motion] = np.linalg.solve(root, motion) / np.linalg.norm(motion)
+        row[spectral.force] = generator.normal(size=spectral.size - len(root))
     return result
 
 
@@ -113,8 +113,8 @@ def cost_along(spectral: SpectralProblem, point: Point, move: np.ndarray, time: 
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None:
     spectral, point = somewhere(problem_of(scenarios[name]))
-    gradient, matrix = normal_equations(spectral, point)
-    hessian = matrix + torque_curvature(spectral, point)
+    slope_at = gradient(spectral, point)
+    hessian = gauss_newton(spectral, point) + torque_curvature(spectral, point)
     assert np.max(np.abs(hessian - hessian.T)) < 1e-6 * np.max(np.abs(hessian))
     for move in directions(spectral, point, 4):
 
@@ -124,7 +124,7 @@ def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None
         def slope(time: float, cost: Any = cost) -> np.ndarray:
             return difference(lambda later: cost(time + later), 3e-3)
 
-        assert gradient @ move == pytest.approx(float(slope(0.0)), rel=2e-6)
+        assert slope_at @ move == pytest.approx(float(slope(0.0)), rel=2e-6)
         second = float(difference(slope, 3e-3))
         # the Hessian is made of forward differences, and the ends' of second ones
         assert move @ hessian @ move == pytest.approx(second, rel=2e-4)
@@ -134,7 +134,7 @@ def test_gradient_and_hessian(scenarios: dict[str, Scenario], name: str) -> None
 def test_gauss_newton_alone_is_not_the_hessian(scenarios: dict[str, Scenario], name: str) -> None:
     """What the curvature adds is no trifle: without it the test above would fail."""
     spectral, point = somewhere(problem_of(scenarios[name]))
-    _, matrix = normal_equations(spectral, point)
+    matrix = gauss_newton(spectral, point)
     extra = torque_curvature(spectral, point)
     moves = directions(spectral, point, 4)
     share = [abs(move @ extra @ move) / abs(move @ matrix @ move) for move in moves]
@@ -209,10 +209,10 @@ def test_the_minimum_is_stationary(name: str) -> None:
     """The predicted gain of one more Newton step is below the tolerance."""
     result = minimised(problem_of(human(CASES[name])))
     spectral, best = result.problem, result.point
-    gradient, matrix = normal_equations(spectral, best)
-    hessian = matrix + torque_curvature(spectral, best)
+    slope = gradient(spectral, best)
+    hessian = gauss_newton(spectral, best) + torque_curvature(spectral, best)
     assert np.linalg.eigvalsh(hessian)[0] > 0.0
-    gain = 0.5 * gradient @ np.linalg.solve(hessian, gradient)
+    gain = 0.5 * slope @ np.linalg.solve(hessian, slope)
     assert gain < 1e-9 * best.cost
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import normal_equations, torque_bend
+from planner.solvers.spectral_derivatives import gauss_newton, gradient, metric, torque_bend
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.trust_region import QuadraticModel, Step
 
@@ -31,6 +31,8 @@ _UNDERRATED = 1.4  # times the gain foreseen: from there a longer step is worth 
 _ERRS = 0.4  # of the gain foreseen: Gauss-Newton misses curvature if it errs by more,
 _SLOW = 0.3  # gains fall by no more than this factor
 _PATIENCE = 3  # and both hold so many times in a row
+_STEADY = 0.05  # length of a step beyond which the Gauss-Newton matrix is formed anew,
+_AGREES = 0.2  # or if its gain was off by more
 _SADDLE = 30.0  # times the tolerance: Gauss-Newton may come so near a saddle before it leaves it
 
 
@@ -107,6 +109,11 @@ def _try_steps(
     return None
 
 
+def _is_steady(trial: _Trial) -> bool:
+    """Returns whether the matrix that gave a step serves for the next one too."""
+    return trial.foreseen and trial.length < _STEADY and abs(trial.ratio - 1.0) < _AGREES
+
+
 def descend(
     problem: SpectralProblem,
     point: Point,
@@ -133,19 +140,24 @@ def descend(
     radius, exact_radius = _FIRST_RADIUS, _FIRST_RADIUS
     exact, errors, before, relative = False, 0, np.inf, np.inf
     redundant = problem.transport.chain.redundant
-    metric = problem.metric(point)
+    parts = metric(problem, point), problem.motion, problem.force
+    steady: QuadraticModel | None = None
     for step in range(_MAX_STEPS):
-        gradient, matrix = normal_equations(problem, point)
+        slope = gradient(problem, point)
         best, newton = None, False
+        if steady is not None:
+            steady = steady.tilted(slope)
+            best = _try_steps(problem, point, steady, radius, bent=False)
         while best is None:
+            matrix = gauss_newton(problem, point)
             if exact:
                 hessian = matrix + torque_curvature(problem, point)
-                model = QuadraticModel(gradient, hessian, metric, problem.motion, problem.force)
+                model = QuadraticModel(slope, hessian, *parts)
                 best = _try_steps(problem, point, model, exact_radius, bent=False)
                 newton = best is not None
                 exact_radius = exact_radius if best is None else best.radius
             if best is None or not best.foreseen:
-                model = QuadraticModel(gradient, matrix, metric, problem.motion, problem.force)
+                model = QuadraticModel(slope, matrix, *parts)
                 trial = _try_steps(problem, point, model, radius, bent=True)
                 radius = radius if trial is None else trial.radius
                 if trial is not None and (best is None or trial.point.cost < best.point.cost):
@@ -153,6 +165,7 @@ def descend(
             if best is None and exact:
                 return point, relative, step, "no descent"
             exact = exact or best is None
+        steady = model if _is_steady(best) and not newton else None
         relative = best.relative
         report(problem.degree, relative, best.point.cost)
         point = best.point if best.point.cost <= point.cost else point

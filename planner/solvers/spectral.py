@@ -127,10 +127,10 @@ def minimise(
         degree = REDUNDANT_DEGREE if transport.chain.redundant else FIRST_DEGREE
     last = degree + (LAST_DEGREE - degree) // DEGREE_STEP * DEGREE_STEP
     steps, before = 0, np.inf
-    curves = start
+    curves, ends, known_ends = start, None, None
     while True:
-        finer = SpectralProblem(transport, criterion, coordinates, degree)
-        start_point = first_point(finer, curves)
+        finer = SpectralProblem(transport, criterion, coordinates, degree, ends)
+        start_point = first_point(finer, curves, known_ends)
         if start_point is None:
             if before == np.inf:
                 return None
@@ -139,7 +139,7 @@ def minimise(
         problem, point = finer, start_point
         point, decrease, taken, message = descend(problem, point, tolerance, report, barred, coarse)
         steps += taken
-        curves = problem.curves(point)
+        curves, ends, known_ends = problem.curves(point), problem.ends, point.ends
         problem.remember(point)
         rest = resolution(problem, point)
         good = message in ("converged", "coarse")

@@ -5,31 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from planner.constrained_dynamics import tangent
-from planner.criteria.base import Criterion
 from planner.criteria.curvature import STEP, join_tangents
-from planner.solvers.inverse_torques import Torques, inverse_torques
-from planner.solvers.spectral_derivatives import along_torque
+from planner.solvers.inverse_torques import inverse_torques
+from planner.solvers.spectral_derivatives import along_torque, gradient_at_nodes
 from planner.solvers.spectral_problem import Point, SpectralProblem
-from planner.vectors import matvec, transpose
+from planner.vectors import transpose
 
 _SECOND_STEP = 3e-4  # rad, second differences along the free postures of an end
-
-
-def _contraction(
-    criterion: Criterion, torques: Torques, pull: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
-    """Returns the gradient along (y, dy/dt, d2y/dt2, lambda) at samples, (K, 3 p + m)."""
-    motion = torques.pulled_back(pull)
-    parts = [motion[:, order] for order in range(3)]
-    parts.append(matvec(transpose(torques.along_multiplier), pull))
-    cost = criterion.state_cost
-    if cost is not None:
-        s = torques.tangent.s
-        speed = weight * cost.speed * torques.v
-        away = weight * cost.posture * (torques.tangent.q - cost.reference)
-        parts[0] += matvec(transpose(torques.derivatives.drag), speed) + matvec(transpose(s), away)
-        parts[1] += matvec(transpose(s), speed)
-    return np.concatenate(parts, axis=1)
 
 
 def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
@@ -63,8 +45,9 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
     )
     weight = problem.nodes.weights[:, None] * problem.transport.duration
     pull = along_torque(problem, point.torques.tau)
-    gradients = _contraction(problem.criterion, torques, repeat(pull), repeat(weight))
-    old = _contraction(problem.criterion, point.torques, pull, weight)
+    criterion = problem.criterion
+    gradients = gradient_at_nodes(criterion, torques, repeat(pull), repeat(weight))
+    old = gradient_at_nodes(criterion, point.torques, pull, weight)
     change = gradients.reshape(2, p, count, -1) - old
     size = 3 * p + problem.m
     second = np.zeros((count, size, size))
@@ -74,7 +57,7 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
     second[:, :p, :p] = 0.5 * (along_y[:, :p] + transpose(along_y[:, :p]))
     along_rate = change[1][:, :, p : 2 * p].transpose(1, 2, 0) / rate_step
     second[:, p : 2 * p, p : 2 * p] = 0.5 * (along_rate + transpose(along_rate))
-    cost = problem.criterion.state_cost
+    cost = criterion.state_cost
     if cost is not None:  # its Gauss-Newton part is in the normal equations already
         s, drag = base.s, point.torques.derivatives.drag
         both = np.concatenate([drag, s], axis=2)

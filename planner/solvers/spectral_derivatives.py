@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner.criteria.base import Criterion
+from planner.solvers.inverse_torques import Torques
 from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.vectors import matvec, transpose
 
 
 def torque_design(problem: SpectralProblem, point: Point) -> np.ndarray:
@@ -21,31 +24,91 @@ def torque_design(problem: SpectralProblem, point: Point) -> np.ndarray:
     return point.design
 
 
-def normal_equations(problem: SpectralProblem, point: Point) -> tuple[np.ndarray, np.ndarray]:
-    """Returns gradient, (size,), and Gauss-Newton matrix, (size, size)."""
+def gradient_at_nodes(
+    criterion: Criterion, torques: Torques, pull: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """Returns the cost's derivatives along (y, dy/dt, d2y/dt2, lambda) at samples, (K, 3 p + m).
+
+    Args:
+        criterion: Whose cost.
+        torques: Torques and their derivatives at the samples.
+        pull: The cost's derivatives along the torques, (K, N), see `along_torque`.
+        weight: Weights of the samples, (K, 1) [s].
+    """
+    motion = torques.pulled_back(pull)
+    cost = criterion.state_cost
+    if cost is not None:
+        s = torques.tangent.s
+        speed = weight * cost.speed * torques.v
+        away = weight * cost.posture * (torques.tangent.q - cost.reference)
+        motion[:, 0] += matvec(transpose(torques.derivatives.drag), speed)
+        motion[:, 0] += matvec(transpose(s), away)
+        motion[:, 1] += matvec(transpose(s), speed)
+    force = matvec(transpose(torques.along_multiplier), pull)
+    return np.concatenate([motion.reshape(len(force), -1), force], axis=1)
+
+
+def gradient(problem: SpectralProblem, point: Point) -> np.ndarray:
+    """Returns the cost's derivatives along the unknowns, (size,)."""
+    pull = along_torque(problem, point.torques.tau)
+    weight = problem.nodes.weights[:, None] * problem.transport.duration
+    along = gradient_at_nodes(problem.criterion, point.torques, pull, weight)
+    return problem.gathered(point, along)
+
+
+def gauss_newton(problem: SpectralProblem, point: Point) -> np.ndarray:
+    """Returns the Gauss-Newton matrix, (size, size)."""
     criterion, torques, design = problem.criterion, point.torques, torque_design(problem, point)
     count, size = len(problem.nodes.u), problem.size
     of_torque, of_rate = problem.roots
     parts = []
-    if criterion.torque_is_state:
-        slopes = problem.derivative @ design.reshape(count, -1)
-        parts.append((point.slope, slopes.reshape(design.shape), of_rate))
     if np.any(criterion.torque_weights):
-        parts.append((torques.tau, design, of_torque))
+        parts.append(design * of_torque[..., None])
+    if criterion.torque_is_state:
+        slopes = (problem.derivative @ design.reshape(count, -1)).reshape(design.shape)
+        slopes *= of_rate[..., None]
+        parts.append(slopes)
     cost = criterion.state_cost
     if cost is not None:
-        at, weight = torques.tangent, problem.nodes.weights[:, None] * problem.transport.duration
-        speeds = problem.along_unknowns(point, np.stack([torques.derivatives.drag, at.s], axis=1))
-        postures = problem.along_unknowns(point, at.s[:, None])
-        parts.append((torques.v, speeds, np.sqrt(cost.speed * weight)))
-        away = at.q - cost.reference
-        parts.append((away, postures, np.sqrt(cost.posture * weight)))
-    matrix, gradient = np.zeros((size, size)), np.zeros(size)
-    for value, derivative, root in parts:
-        rows = (derivative * root[..., None]).reshape(-1, size)
+        s, weight = torques.tangent.s, problem.nodes.weights[:, None] * problem.transport.duration
+        speeds = problem.along_unknowns(point, np.stack([torques.derivatives.drag, s], axis=1))
+        postures = problem.along_unknowns(point, s[:, None])
+        parts.append(speeds * np.sqrt(cost.speed * weight)[..., None])
+        parts.append(postures * np.sqrt(cost.posture * weight)[..., None])
+    matrix = np.zeros((size, size))
+    for part in parts:
+        rows = part.reshape(-1, size)
         matrix += rows.T @ rows
-        gradient += (value * root).ravel() @ rows
-    return gradient, matrix
+    return matrix
+
+
+def metric(problem: SpectralProblem, point: Point) -> np.ndarray:
+    """Returns the root M of a norm on the motion's unknowns, upper triangle.
+
+    |M d| is the change of postures and of joint speeds that a step d makes, root mean square in rad
+    and rad per duration.
+    """
+    s, nodes, basis = point.torques.tangent.s, problem.nodes, problem.motion_basis
+    p, size = problem.p, problem.phi.shape[2]
+    values, speeds = problem.phi[0], problem.phi[1] * problem.transport.duration
+    both = values[:, :, None] * values[:, None] + speeds[:, :, None] * speeds[:, None]
+    freedoms = (transpose(s) @ s * nodes.weights[:, None, None]).reshape(-1, p * p)
+    # coefficients times coefficients, independent joints times independent joints
+    whole = (freedoms.T @ both.reshape(-1, size * size)).reshape(p, p, size, size)
+    whole = whole.transpose(0, 2, 1, 3)
+    places, skip = problem.places, basis.conditions
+    unknowns = np.zeros((p, size, problem.motion.stop))
+    free = np.arange(places[0].stop).reshape(p, -1)
+    unknowns[np.arange(p)[:, None], np.arange(skip, size), free] = 1.0
+    for index, place in ((0, places[2]), (1, places[3])):
+        if place.start != place.stop:
+            moved, _ = problem.ends.slopes(index, point.ends[index])
+            unknowns[:, problem.rows_of_end(index, basis), place] = moved.transpose(1, 0, 2)
+    spread = unknowns.reshape(p * size, -1)
+    square = spread.T @ whole.reshape(p * size, -1) @ spread
+    square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
+    root: np.ndarray = np.linalg.cholesky(square).T
+    return root
 
 
 def along_torque(problem: SpectralProblem, tau: np.ndarray) -> np.ndarray:

@@ -19,13 +19,14 @@ from planner.chain import CLOSURE_TOLERANCE
 from planner.constrained_dynamics import Motion, Tangent, accelerate, inertial, tangent
 from planner.criteria.base import Criterion
 from planner.independent_joints import Coordinates
-from planner.posture_equations import pose_error
+from planner.posture_equations import jacobian, residual
 from planner.transport import Transport
-from planner.vectors import matvec, transpose
+from planner.vectors import least_norm, matvec
 
 _Found = TypeVar("_Found")
 
 _STEPS = 12
+_NEARLY = 1e-6  # m, rad: one Newton step from there ends within round-off
 _XI_STEP = 1e-5  # rad, differences along the free postures
 
 
@@ -184,39 +185,29 @@ class Ends:
     def retract(self, index: int, near: Tangent, y: np.ndarray) -> Tangent:
         """Returns the freedoms at y, (K, p), moved back to where the object is as prescribed.
 
-        Newton's method closes the chain and places the object at once, by the least change of y.
+        Newton's method closes the chain and places the object at once, by the least joint steps.
         Postures are NaN where that fails.
         """
-        end = self.conditions[index]
         chain, joints = self.transport.chain, self.transport.joints
-        pose, rows = end.end.pose, end.task_rows
-        q = near.shifted(chain, joints, y)
+        pose = self.conditions[index].end.pose
+        q = near.shifted(joints, y)
         for _ in range(_STEPS):
-            at = tangent(chain, joints, q, chain.dynamics.placements(q))
-            gap = chain.gap(at.at)
-            off = pose_error(chain, at.at, pose.position, pose.rotation)
-            off = off @ rows[:, : off.shape[1]].T
-            if max(np.abs(gap).max(), np.abs(off).max()) < CLOSURE_TOLERANCE:
-                return at
-            jacobian = rows @ chain.object_jacobian(at.at)
-            step = np.zeros_like(q)
-            step[:, joints.dependent] = -matvec(at.inverse, gap)
-            change = jacobian @ at.s
-            # least norm; rows of the task are independent of each other
-            square = change @ transpose(change)
-            try:
-                pull = np.linalg.solve(square, (off + matvec(jacobian, step))[..., None])
-            except np.linalg.LinAlgError:
+            now = residual(chain, q, pose.position, pose.rotation)
+            size = np.abs(now.error).max()
+            if size < CLOSURE_TOLERANCE:
+                return tangent(chain, joints, q, now.at)
+            slopes = jacobian(chain, now, orientation=pose.rotation is not None)
+            q = q - least_norm(slopes, now.error[..., None])[..., 0]
+            if not np.isfinite(q).all():
                 break
-            if not np.all(np.isfinite(pull)):
-                break
-            q = q + step - matvec(at.s, (transpose(change) @ pull)[..., 0])
-        return replace(at, q=np.full_like(q, np.nan))
+            if size < _NEARLY:
+                return tangent(chain, joints, q, chain.dynamics.placements(q))
+        return replace(near, q=np.full_like(q, np.nan))
 
     def _closed(self, near: Tangent, y: np.ndarray) -> Tangent:
         """Returns the freedoms at y, (K, p), closed along those nearby; NaN where that fails."""
         chain, joints = self.transport.chain, self.transport.joints
-        guess = near.shifted(chain, joints, y)
+        guess = near.shifted(joints, y)
         guess[:, joints.independent] = y
         q, at, closed = chain.close(guess, joints.dependent)
         q[~closed] = np.nan
@@ -263,6 +254,6 @@ class Ends:
         rows, chain = self.conditions[index].task_rows, self.transport.chain
         jacobian = rows @ chain.object_jacobian(values.at.at)[0] @ values.at.s[0]
         guess = self.null_guess[index]
-        projected = guess - np.linalg.pinv(jacobian) @ (jacobian @ guess)
+        projected = guess - least_norm(jacobian, jacobian @ guess)
         orthonormal: np.ndarray = np.linalg.qr(projected)[0] if guess.size else projected
         return orthonormal

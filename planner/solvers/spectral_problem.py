@@ -57,14 +57,16 @@ class SpectralProblem:
         criterion: Criterion,
         coordinates: Coordinates,
         degree: int,
+        ends: Ends | None = None,
     ) -> None:
+        """Takes the ends of a problem of another degree, if there is one."""
         self.transport = transport
         self.criterion = criterion
         self.coordinates = coordinates
         self.degree = degree
         chain = transport.chain
         self.p, self.m, self.n = chain.p, chain.m, chain.n
-        self.ends = Ends(transport, criterion, coordinates)
+        self.ends = ends or Ends(transport, criterion, coordinates)
         count = int(np.ceil(_OVERSAMPLING * degree))
         self.nodes = gauss_nodes(count)
         motion_ends, force_ends = self.ends.prescribed()
@@ -103,23 +105,6 @@ class SpectralProblem:
     def force(self) -> slice:
         """Places of the multiplier's unknowns."""
         return self.places[1]
-
-    def metric(self, point: Point) -> np.ndarray:
-        """Returns the root M of a norm on the motion's unknowns, upper triangle.
-
-        |M d| is the change of postures and of joint speeds that a step d makes, root mean square
-        in rad and rad per duration.
-        """
-        s = point.torques.tangent.s * np.sqrt(self.nodes.weights)[:, None, None]
-        both = np.zeros((len(s), 2, 2, self.n, self.p))
-        both[:, 0, 0] = s
-        both[:, 1, 1] = s * self.transport.duration
-        rows = self.along_unknowns(point, both.reshape(len(s), 2, 2 * self.n, self.p))
-        rows = rows[:, :, self.motion].reshape(-1, self.motion.stop)
-        square = rows.T @ rows
-        square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
-        root: np.ndarray = np.linalg.cholesky(square).T
-        return root
 
     # ---- evaluation ------------------------------------------------------------------------------
 
@@ -176,7 +161,10 @@ class SpectralProblem:
         y, rate, acceleration = base + motion @ x[places[0]].reshape(self.p, -1).T
         multiplier = base_multiplier + force @ x[places[1]].reshape(self.m, -1).T
         chain, joints = self.transport.chain, self.transport.joints
-        guess = near.shifted(chain, joints, y) if isinstance(near, Tangent) else near.copy()
+        if isinstance(near, Tangent):
+            guess = near.shifted(joints, y, chain.gap(near.at))
+        else:
+            guess = near.copy()
         guess[:, joints.independent] = y
         q, at, closed = chain.close(guess, joints.dependent, closure)
         if not closed.all():
@@ -226,13 +214,15 @@ class SpectralProblem:
         count, orders, rows, p = along_motion.shape
         skip, skip_force = self.motion_basis.conditions, self.force_basis.conditions
         phi = self.phi[:orders].transpose(1, 0, 2)
-        result = np.zeros((count, rows, self.size))
         places = self.places
+        shape = count, rows, self.size
+        result = np.zeros(shape) if along_multiplier is None else np.empty(shape)
         flat = along_motion.reshape(count, orders, rows * p).transpose(0, 2, 1)
         result[:, :, places[0]] = (flat @ phi[:, :, skip:]).reshape(count, rows, -1)
         if along_multiplier is not None:
-            spread = along_multiplier[..., None] * self.psi[:, None, None, skip_force:]
-            result[:, :, places[1]] = spread.reshape(count, rows, -1)
+            spread = result[:, :, places[1]].reshape(count, rows, self.m, -1)  # a view
+            psi = self.psi[:, None, None, skip_force:]
+            np.multiply(along_multiplier[..., None], psi, out=spread)
         for index, place in ((0, places[2]), (1, places[3])):
             if place.start == place.stop:
                 continue
@@ -244,6 +234,31 @@ class SpectralProblem:
                 at_end = self.rows_of_end(index, self.force_basis)
                 moved = np.tensordot(self.psi[:, at_end], force, axes=1)
                 result[:, :, place] += along_multiplier @ moved
+        return result
+
+    def gathered(self, point: Point, along: np.ndarray) -> np.ndarray:
+        """Returns the derivatives along the unknowns of what changes with the nodes' values.
+
+        Args:
+            point: The iterate.
+            along: Derivatives along y, its rates and the multiplier at each node, (K, 3 p + m).
+        """
+        p = self.p
+        motion = sum(
+            phi.T @ along[:, order * p : (order + 1) * p] for order, phi in enumerate(self.phi)
+        )
+        force, places = self.psi.T @ along[:, 3 * p :], self.places
+        result = np.empty(self.size)
+        result[places[0]] = motion[self.motion_basis.conditions :].T.ravel()
+        result[places[1]] = force[self.force_basis.conditions :].T.ravel()
+        for index, place in ((0, places[2]), (1, places[3])):
+            if place.start != place.stop:
+                moved, pressed = self.ends.slopes(index, point.ends[index])
+                rows = self.rows_of_end(index, self.motion_basis)
+                result[place] = np.tensordot(motion[rows], moved, axes=2)
+                if len(pressed):
+                    rows = self.rows_of_end(index, self.force_basis)
+                    result[place] += np.tensordot(force[rows], pressed, axes=2)
         return result
 
     @staticmethod

@@ -54,12 +54,22 @@ def carry_over(problem: SpectralProblem, curves: Curves) -> np.ndarray:
     return result
 
 
-def first_point(problem: SpectralProblem, curves: Curves | None) -> Point | None:
-    """Returns the first iterate: nearest to given curves or the guess, or else the plainest."""
+def first_point(
+    problem: SpectralProblem,
+    curves: Curves | None,
+    known_ends: tuple[EndValues, EndValues] | None = None,
+) -> Point | None:
+    """Returns the first iterate: nearest to given curves or the guess, or else the plainest.
+
+    Args:
+        problem: The minimisation.
+        curves: Motion and multiplier to start from.
+        known_ends: The curves' values at the ends, if they are those of this problem.
+    """
     transport, coordinates = problem.transport, problem.coordinates
     count = len(problem.nodes.u)
-    ends = list(problem.ends.guessed)
-    if curves is not None:
+    ends = list(known_ends or problem.ends.guessed)
+    if curves is not None and known_ends is None:
         for index, end in enumerate((transport.start, transport.goal)):
             if not end.held:
                 y = curves.y(np.array([float(index)]))[0]

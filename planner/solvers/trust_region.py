@@ -7,6 +7,7 @@ eigenvalues, which solve the trust-region problem exactly, whatever their signs.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -117,8 +118,16 @@ class QuadraticModel:
     ) -> None:
         """Takes what `reduce_model` takes; the reduction is made once a radius asks for it."""
         self._parts = gradient, hessian, metric, motion, force
+        self._factor: np.ndarray | None = None
         self._newton = self._newton_step()
         self._reduced: Model | None = None
+
+    def tilted(self, gradient: np.ndarray) -> QuadraticModel:
+        """Returns the model with another gradient; the Hessian's factor serves again."""
+        result = copy.copy(self)
+        result._parts = gradient, *self._parts[1:]
+        result._newton, result._reduced = result._newton_step(), None
+        return result
 
     def length(self, move: np.ndarray) -> float:
         """Returns the length of a step's motion in the trust region's metric."""
@@ -143,14 +152,18 @@ class QuadraticModel:
         """Returns the step to the model's minimum; None if the Hessian is not positive."""
         gradient, hessian = self._parts[:2]
         # LAPACK itself: SciPy's checks around it take longer than this small matrix
-        factor, move, status = scipy.linalg.lapack.dposv(hessian, -gradient, lower=1)
-        if status:
-            return None
+        if self._factor is None:
+            factor, status = scipy.linalg.lapack.dpotrf(hessian, lower=1, clean=0)
+            if status:
+                return None
+            self._factor = factor
+        factor = self._factor
 
         def solve(right: np.ndarray) -> np.ndarray:
             result: np.ndarray = scipy.linalg.lapack.dpotrs(factor, right, lower=1)[0]
             return result
 
+        move = solve(-gradient)
         return Step(move, -0.5 * float(gradient @ move), self.length(move), True, solve)
 
 
