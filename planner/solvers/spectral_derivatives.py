@@ -96,16 +96,19 @@ def metric(problem: SpectralProblem, point: Point) -> np.ndarray:
     # coefficients times coefficients, independent joints times independent joints
     whole = (freedoms.T @ both.reshape(-1, size * size)).reshape(p, p, size, size)
     whole = whole.transpose(0, 2, 1, 3)
-    places, skip = problem.places, basis.conditions
-    unknowns = np.zeros((p, size, problem.motion.stop))
-    free = np.arange(places[0].stop).reshape(p, -1)
-    unknowns[np.arange(p)[:, None], np.arange(skip, size), free] = 1.0
-    for index, place in ((0, places[2]), (1, places[3])):
+    motion, ends, skip = problem.places[0], problem.places[2:], basis.conditions
+    unknowns = np.zeros((p, size, problem.motion.stop - motion.stop))
+    for index, place in enumerate(ends):
         if place.start != place.stop:
             moved, _ = problem.ends.slopes(index, point.ends[index])
-            unknowns[:, problem.rows_of_end(index, basis), place] = moved.transpose(1, 0, 2)
-    spread = unknowns.reshape(p * size, -1)
-    square = spread.T @ whole.reshape(p * size, -1) @ spread
+            own = slice(place.start - motion.stop, place.stop - motion.stop)
+            unknowns[:, problem.rows_of_end(index, basis), own] = moved.transpose(1, 0, 2)
+    square = np.empty((problem.motion.stop, problem.motion.stop))
+    square[motion, motion] = whole[:, skip:, :, skip:].reshape(motion.stop, -1)
+    along = np.tensordot(whole, unknowns, axes=2)
+    square[motion, motion.stop :] = along[:, skip:].reshape(motion.stop, -1)
+    square[motion.stop :, motion] = square[motion, motion.stop :].T
+    square[motion.stop :, motion.stop :] = np.tensordot(unknowns, along, axes=((0, 1), (0, 1)))
     square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
     root: np.ndarray = np.linalg.cholesky(square).T
     return root
