@@ -5,6 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 
+# sine times axis, and cosine plus 1/2, both twice, from a rotation matrix's entries row by row
+_TWICE = np.zeros((9, 4))
+_TWICE[[7, 2, 3], [0, 1, 2]] = 1.0
+_TWICE[[5, 6, 1], [0, 1, 2]] = -1.0
+_TWICE[[0, 4, 8], 3] = 1.0
+
+
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns a x b over the last axis of broadcast arrays, (..., 3).
 
@@ -43,15 +50,11 @@ def wrapped_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def rotation_log(rotation: np.ndarray) -> np.ndarray:
     """Returns the rotation vectors of rotation matrices, (..., 3, 3) to (..., 3) [rad]."""
-    sine = np.empty(rotation.shape[:-1])
-    sine[..., 0] = rotation[..., 2, 1] - rotation[..., 1, 2]
-    sine[..., 1] = rotation[..., 0, 2] - rotation[..., 2, 0]
-    sine[..., 2] = rotation[..., 1, 0] - rotation[..., 0, 1]
-    cosine = rotation[..., 0, 0] + rotation[..., 1, 1] + rotation[..., 2, 2] - 1.0
+    twice = rotation.reshape(*rotation.shape[:-2], 9) @ _TWICE
+    sine, cosine = twice[..., :3], twice[..., 3] - 1.0
     size = np.sqrt((sine * sine).sum(axis=-1))
-    angle = np.arctan2(size, cosine)
-    # both hold twice the sine: their quotient is 1/2 for no turn at all
-    factor = np.where(size > 1e-9, angle / np.maximum(size, 1e-300), 0.5)
+    # no turn at all has no sine either, whatever its factor
+    factor = np.arctan2(size, cosine) / np.maximum(size, 1e-300)
     result: np.ndarray = sine * factor[..., None]
     far = cosine < -1.0
     if far.any():

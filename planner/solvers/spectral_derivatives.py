@@ -75,10 +75,10 @@ def gauss_newton(problem: SpectralProblem, point: Point) -> np.ndarray:
         postures = problem.along_unknowns(point, s[:, None])
         parts.append(speeds * np.sqrt(cost.speed * weight)[..., None])
         parts.append(postures * np.sqrt(cost.posture * weight)[..., None])
-    matrix = np.zeros((size, size))
-    for part in parts:
-        rows = part.reshape(-1, size)
-        matrix += rows.T @ rows
+    squares = [rows.T @ rows for rows in (part.reshape(-1, size) for part in parts)]
+    matrix = squares[0]
+    for square in squares[1:]:
+        matrix += square
     return matrix
 
 

@@ -153,7 +153,8 @@ class QuadraticModel:
         gradient, hessian = self._parts[:2]
         # LAPACK itself: SciPy's checks around it take longer than this small matrix
         if self._factor is None:
-            factor, status = scipy.linalg.lapack.dpotrf(hessian, lower=1, clean=0)
+            # symmetric: transposed, it lies in memory as LAPACK wants it
+            factor, status = scipy.linalg.lapack.dpotrf(hessian.T, lower=1, clean=0)
             if status:
                 return None
             self._factor = factor
