@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planner.chain import CLOSURE_TOLERANCE
 from planner.solvers.spectral_curvature import torque_curvature
 from planner.solvers.spectral_derivatives import gauss_newton, gradient, metric, torque_bend
-from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.solvers.spectral_problem import ROUGHLY_CLOSED, Point, SpectralProblem
 from planner.solvers.trust_region import QuadraticModel, Step
 
 _MAX_STEPS = 80
@@ -89,13 +90,14 @@ def _try_steps(
             if size > _MOST_BENT:
                 radius = step.length * float(np.clip(0.6 * _MOST_BENT / size, 0.1, 0.7))
                 continue
-        new = problem.moved(point, step.move + bend)
+        closure = CLOSURE_TOLERANCE if relative < _FINE else ROUGHLY_CLOSED
+        new = problem.moved(point, step.move + bend, closure)
         ratio = -1.0 if new is None else (point.cost - new.cost) / max(step.gain, 1e-300)
         if new is not None and (ratio > 1e-3 or relative < _ROUND_OFF):
             if bent and ratio > _UNDERRATED and relative > _FINE**2 and 2.0 * step.length < _LONG:
                 far = 1.0 / max(2.0 - ratio, 0.25)  # where a parabola has its minimum, at most 4
                 far = min(far, _LONG / step.length)
-                longer = problem.moved(point, far * step.move + far**2 * bend)
+                longer = problem.moved(point, far * step.move + far**2 * bend, closure)
                 new = longer if longer is not None and longer.cost < new.cost else new
             if ratio > 0.7 and limited:
                 radius *= 2.0
@@ -168,7 +170,10 @@ def descend(
         steady = model if _is_steady(best) and not newton else None
         relative = best.relative
         report(problem.degree, relative, best.point.cost)
-        point = best.point if best.point.cost <= point.cost else point
+        if best.point.cost <= point.cost:
+            point = best.point
+        elif relative < _FINE:
+            point = problem.closed(point)
         if relative < _ROUND_OFF:
             return point, relative, step + 1, "converged"
         if not best.foreseen and barred(point):
@@ -187,6 +192,4 @@ def descend(
         if not exact and errors >= _PATIENCE:
             exact, exact_radius = True, min(4.0 * best.length, _FIRST_RADIUS)
         before = relative
-        if relative < _FINE:
-            point = problem.closed(point)
     return point, relative, _MAX_STEPS, "too many steps"

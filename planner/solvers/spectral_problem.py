@@ -21,7 +21,7 @@ from planner.transport import Transport
 _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
 _OVERSAMPLING = 1.7
-_CLOSURE = 1e-8  # m, rad: while the motion still changes; what is left, the next step takes along
+ROUGHLY_CLOSED = 1e-8  # m, rad: while the motion changes; what is left, the next step takes along
 
 
 @dataclass(eq=False)
@@ -143,7 +143,7 @@ class SpectralProblem:
         x: np.ndarray,
         ends: tuple[EndValues, EndValues],
         near: Tangent | np.ndarray,
-        closure: float = _CLOSURE,
+        closure: float = ROUGHLY_CLOSED,
     ) -> Point | None:
         """Returns the iterate with coefficients x; None where the chain cannot be closed.
 
@@ -281,8 +281,16 @@ class SpectralProblem:
             self.motion_basis.coefficients @ motion, self.force_basis.coefficients @ force
         )
 
-    def moved(self, point: Point, move: np.ndarray) -> Point | None:
-        """Returns the iterate after a step in the unknowns; None where it cannot be closed."""
+    def moved(
+        self, point: Point, move: np.ndarray, closure: float = ROUGHLY_CLOSED
+    ) -> Point | None:
+        """Returns the iterate after a step in the unknowns; None where it cannot be closed.
+
+        Args:
+            point: The iterate.
+            move: The step.
+            closure: Bound on the gap that is left at the nodes [m, rad].
+        """
         ends = list(point.ends)
         with np.errstate(all="ignore"):
             for index, place in ((0, self.places[2]), (1, self.places[3])):
@@ -293,4 +301,5 @@ class SpectralProblem:
                     if values is None:
                         return None
                     ends[index] = values
-            return self.evaluate(point.x + move, (ends[0], ends[1]), point.torques.tangent)
+            both = ends[0], ends[1]
+            return self.evaluate(point.x + move, both, point.torques.tangent, closure)
