@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-
 # sine times axis, and cosine plus 1/2, both twice, from a rotation matrix's entries row by row
 _TWICE = np.zeros((9, 4))
 _TWICE[[7, 2, 3], [0, 1, 2]] = 1.0

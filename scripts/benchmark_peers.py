@@ -64,18 +64,20 @@ def paper(report: Report, accuracies: list[float], runs: int, compiled: str) -> 
 
 
 def pandas(report: Report, accuracies: list[float], runs: int, compiled: str) -> None:
-    """Times two Pandas with a rigid grasp under gravity."""
-    with tempfile.TemporaryDirectory() as folder:
-        with _working("Two Pandas: reference"):
-            case = make_case("Two Pandas, rigid grasp, gravity", two_pandas(Path(folder)))
-        off = case.reference / PANDA_COST - 1.0
-        console.print(
-            f"\n{case.title}: reference cost {case.reference:.6f}, "
-            f"{off:+.1e} relative to {PANDA_COST}"
-        )
-        chooser = Chooser(case, PANDA_GRID)
-        for accuracy in accuracies:
-            _compete(report, chooser, accuracy, runs, compiled, plain=False)
+    """Times two Pandas with a rigid grasp under gravity, with unit and with effort weights."""
+    for weights in ("unit", "effort"):
+        title = f"Two Pandas, rigid grasp, gravity, {weights} weights"
+        with tempfile.TemporaryDirectory() as folder:
+            with _working(f"{title}: reference"):
+                scenario = two_pandas(Path(folder)).override({"criterion.weights": weights})
+                case = make_case(title, scenario)
+            console.print(f"\n{title}: reference cost {case.reference:.6f}")
+            if weights == "unit":
+                off = case.reference / PANDA_COST - 1.0
+                console.print(f"{off:+.1e} relative to {PANDA_COST}")
+            chooser = Chooser(case, PANDA_GRID)
+            for accuracy in accuracies:
+                _compete(report, chooser, accuracy, runs, compiled, plain=False)
 
 
 def _compete(

@@ -16,8 +16,8 @@ from planner.planning import plan
 from planner.scenario import Scenario
 from planner.solvers import descent
 from planner.solvers.second_variation import least_second_variation
-from planner.solvers.spectral_derivatives import metric
 from planner.solvers.spectral import SpectralResult, minimise
+from planner.solvers.spectral_unknowns import metric
 
 PANDAS = Path(__file__).parents[1] / "urdf" / "two_pandas" / "lift.toml"
 

@@ -19,9 +19,10 @@ from planner.solvers.basis import spline_at_nodes
 from planner.solvers.curves import Curves
 from planner.solvers.spectral import minimise, resolution
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import gauss_newton, gradient, metric, torque_bend
+from planner.solvers.spectral_derivatives import gauss_newton, gradient, torque_bend
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_start import carry_over, project
+from planner.solvers.spectral_unknowns import metric
 
 DEGREE = 12
 URDF = Path(__file__).parents[1] / "urdf"

@@ -15,8 +15,9 @@ import numpy as np
 
 from planner.chain import CLOSURE_TOLERANCE
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import gauss_newton, gradient, metric, torque_bend
+from planner.solvers.spectral_derivatives import gauss_newton, gradient, torque_bend
 from planner.solvers.spectral_problem import ROUGHLY_CLOSED, Point, SpectralProblem
+from planner.solvers.spectral_unknowns import metric
 from planner.solvers.trust_region import QuadraticModel, Step
 
 _MAX_STEPS = 80
@@ -148,8 +149,8 @@ def descend(
         slope = gradient(problem, point)
         best, newton = None, False
         if steady is not None:
-            steady = steady.tilted(slope)
-            best = _try_steps(problem, point, steady, radius, bent=False)
+            model = steady.tilted(slope)
+            best = _try_steps(problem, point, model, radius, bent=False)
         while best is None:
             matrix = gauss_newton(problem, point)
             if exact:

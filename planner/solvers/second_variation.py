@@ -10,8 +10,9 @@ import numpy as np
 import scipy.linalg
 
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import gauss_newton, gradient, metric
+from planner.solvers.spectral_derivatives import gauss_newton, gradient
 from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.solvers.spectral_unknowns import metric
 from planner.solvers.trust_region import reduce_model
 
 

@@ -9,6 +9,7 @@ from planner.criteria.curvature import STEP, join_tangents
 from planner.solvers.inverse_torques import inverse_torques
 from planner.solvers.spectral_derivatives import along_torque, gradient_at_nodes
 from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.solvers.spectral_unknowns import along_unknowns
 from planner.vectors import transpose
 
 _SECOND_STEP = 3e-4  # rad, second differences along the free postures of an end
@@ -86,8 +87,8 @@ def _unknowns_to_motion(problem: SpectralProblem, point: Point) -> np.ndarray:
     none = np.zeros((count, 3, m, p))
     return np.concatenate(
         [
-            problem.along_unknowns(point, motion.reshape(count, 3, 3 * p, p)),
-            problem.along_unknowns(point, none, force),
+            along_unknowns(problem, point, motion.reshape(count, 3, 3 * p, p)),
+            along_unknowns(problem, point, none, force),
         ],
         axis=1,
     )

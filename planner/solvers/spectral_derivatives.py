@@ -12,6 +12,7 @@ import numpy as np
 from planner.criteria.base import Criterion
 from planner.solvers.inverse_torques import Torques
 from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.solvers.spectral_unknowns import along_unknowns, gathered
 from planner.vectors import matvec, transpose
 
 
@@ -20,7 +21,7 @@ def torque_design(problem: SpectralProblem, point: Point) -> np.ndarray:
     if point.design is None:
         torques = point.torques
         along = torques.along_motion, torques.along_multiplier
-        point.design = problem.along_unknowns(point, *along)
+        point.design = along_unknowns(problem, point, *along)
     return point.design
 
 
@@ -53,7 +54,7 @@ def gradient(problem: SpectralProblem, point: Point) -> np.ndarray:
     pull = along_torque(problem, point.torques.tau)
     weight = problem.nodes.weights[:, None] * problem.transport.duration
     along = gradient_at_nodes(problem.criterion, point.torques, pull, weight)
-    return problem.gathered(point, along)
+    return gathered(problem, point, along)
 
 
 def gauss_newton(problem: SpectralProblem, point: Point) -> np.ndarray:
@@ -71,8 +72,8 @@ def gauss_newton(problem: SpectralProblem, point: Point) -> np.ndarray:
     cost = criterion.state_cost
     if cost is not None:
         s, weight = torques.tangent.s, problem.nodes.weights[:, None] * problem.transport.duration
-        speeds = problem.along_unknowns(point, np.stack([torques.derivatives.drag, s], axis=1))
-        postures = problem.along_unknowns(point, s[:, None])
+        speeds = along_unknowns(problem, point, np.stack([torques.derivatives.drag, s], axis=1))
+        postures = along_unknowns(problem, point, s[:, None])
         parts.append(speeds * np.sqrt(cost.speed * weight)[..., None])
         parts.append(postures * np.sqrt(cost.posture * weight)[..., None])
     squares = [rows.T @ rows for rows in (part.reshape(-1, size) for part in parts)]
@@ -80,38 +81,6 @@ def gauss_newton(problem: SpectralProblem, point: Point) -> np.ndarray:
     for square in squares[1:]:
         matrix += square
     return matrix
-
-
-def metric(problem: SpectralProblem, point: Point) -> np.ndarray:
-    """Returns the root M of a norm on the motion's unknowns, upper triangle.
-
-    |M d| is the change of postures and of joint speeds that a step d makes, root mean square in rad
-    and rad per duration.
-    """
-    s, nodes, basis = point.torques.tangent.s, problem.nodes, problem.motion_basis
-    p, size = problem.p, problem.phi.shape[2]
-    values, speeds = problem.phi[0], problem.phi[1] * problem.transport.duration
-    both = values[:, :, None] * values[:, None] + speeds[:, :, None] * speeds[:, None]
-    freedoms = (transpose(s) @ s * nodes.weights[:, None, None]).reshape(-1, p * p)
-    # coefficients times coefficients, independent joints times independent joints
-    whole = (freedoms.T @ both.reshape(-1, size * size)).reshape(p, p, size, size)
-    whole = whole.transpose(0, 2, 1, 3)
-    motion, ends, skip = problem.places[0], problem.places[2:], basis.conditions
-    unknowns = np.zeros((p, size, problem.motion.stop - motion.stop))
-    for index, place in enumerate(ends):
-        if place.start != place.stop:
-            moved, _ = problem.ends.slopes(index, point.ends[index])
-            own = slice(place.start - motion.stop, place.stop - motion.stop)
-            unknowns[:, problem.rows_of_end(index, basis), own] = moved.transpose(1, 0, 2)
-    square = np.empty((problem.motion.stop, problem.motion.stop))
-    square[motion, motion] = whole[:, skip:, :, skip:].reshape(motion.stop, -1)
-    along = np.tensordot(whole, unknowns, axes=2)
-    square[motion, motion.stop :] = along[:, skip:].reshape(motion.stop, -1)
-    square[motion.stop :, motion] = square[motion, motion.stop :].T
-    square[motion.stop :, motion.stop :] = np.tensordot(unknowns, along, axes=((0, 1), (0, 1)))
-    square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
-    root: np.ndarray = np.linalg.cholesky(square).T
-    return root
 
 
 def along_torque(problem: SpectralProblem, tau: np.ndarray) -> np.ndarray:

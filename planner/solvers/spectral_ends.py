@@ -252,8 +252,8 @@ class Ends:
 
     def _null(self, index: int, values: EndValues) -> np.ndarray:
         rows, chain = self.conditions[index].task_rows, self.transport.chain
-        jacobian = rows @ chain.object_jacobian(values.at.at)[0] @ values.at.s[0]
+        task = rows @ chain.object_jacobian(values.at.at)[0] @ values.at.s[0]
         guess = self.null_guess[index]
-        projected = guess - least_norm(jacobian, jacobian @ guess)
+        projected = guess - least_norm(task, task @ guess)
         orthonormal: np.ndarray = np.linalg.qr(projected)[0] if guess.size else projected
         return orthonormal

@@ -198,69 +198,6 @@ class SpectralProblem:
             running = running + criterion.state_cost.value(torques.tangent.q, torques.v)
         return float(self.nodes.weights @ running) * self.transport.duration
 
-    def along_unknowns(
-        self,
-        point: Point,
-        along_motion: np.ndarray,
-        along_multiplier: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Returns how quantities at the nodes depend on the unknowns, (K, R, size).
-
-        Args:
-            point: The iterate.
-            along_motion: Their derivatives along y and its rates, (K, orders, R, p).
-            along_multiplier: Their derivatives along the multiplier, (K, R, m), if any.
-        """
-        count, orders, rows, p = along_motion.shape
-        skip, skip_force = self.motion_basis.conditions, self.force_basis.conditions
-        phi = self.phi[:orders].transpose(1, 0, 2)
-        places = self.places
-        shape = count, rows, self.size
-        result = np.zeros(shape) if along_multiplier is None else np.empty(shape)
-        flat = along_motion.reshape(count, orders, rows * p).transpose(0, 2, 1)
-        result[:, :, places[0]] = (flat @ phi[:, :, skip:]).reshape(count, rows, -1)
-        if along_multiplier is not None:
-            spread = result[:, :, places[1]].reshape(count, rows, self.m, -1)  # a view
-            psi = self.psi[:, None, None, skip_force:]
-            np.multiply(along_multiplier[..., None], psi, out=spread)
-        for index, place in ((0, places[2]), (1, places[3])):
-            if place.start == place.stop:
-                continue
-            motion, force = self.ends.slopes(index, point.ends[index])
-            at_end = self.rows_of_end(index, self.motion_basis)
-            moved = np.tensordot(phi[:, :, at_end], motion, axes=1)
-            result[:, :, place] = (along_motion @ moved).sum(axis=1)
-            if along_multiplier is not None and len(force):
-                at_end = self.rows_of_end(index, self.force_basis)
-                moved = np.tensordot(self.psi[:, at_end], force, axes=1)
-                result[:, :, place] += along_multiplier @ moved
-        return result
-
-    def gathered(self, point: Point, along: np.ndarray) -> np.ndarray:
-        """Returns the derivatives along the unknowns of what changes with the nodes' values.
-
-        Args:
-            point: The iterate.
-            along: Derivatives along y, its rates and the multiplier at each node, (K, 3 p + m).
-        """
-        p = self.p
-        motion = sum(
-            phi.T @ along[:, order * p : (order + 1) * p] for order, phi in enumerate(self.phi)
-        )
-        force, places = self.psi.T @ along[:, 3 * p :], self.places
-        result = np.empty(self.size)
-        result[places[0]] = motion[self.motion_basis.conditions :].T.ravel()
-        result[places[1]] = force[self.force_basis.conditions :].T.ravel()
-        for index, place in ((0, places[2]), (1, places[3])):
-            if place.start != place.stop:
-                moved, pressed = self.ends.slopes(index, point.ends[index])
-                rows = self.rows_of_end(index, self.motion_basis)
-                result[place] = np.tensordot(motion[rows], moved, axes=2)
-                if len(pressed):
-                    rows = self.rows_of_end(index, self.force_basis)
-                    result[place] += np.tensordot(force[rows], pressed, axes=2)
-        return result
-
     @staticmethod
     def rows_of_end(index: int, basis: Basis) -> slice:
         """Returns the places of an end's values among a basis's coefficients."""

@@ -1,0 +1,111 @@
+"""How quantities along the motion depend on the unknowns of the spectral method.
+
+The unknowns are coefficients of motion and multiplier, and the coordinates of free end postures,
+which move what the polynomials take there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.solvers.spectral_problem import Point, SpectralProblem
+from planner.vectors import transpose
+
+
+def along_unknowns(
+    problem: SpectralProblem,
+    point: Point,
+    along_motion: np.ndarray,
+    along_multiplier: np.ndarray | None = None,
+) -> np.ndarray:
+    """Returns how quantities at the nodes depend on the unknowns, (K, R, size).
+
+    Args:
+        problem: The minimisation.
+        point: The iterate.
+        along_motion: Their derivatives along y and its rates, (K, orders, R, p).
+        along_multiplier: Their derivatives along the multiplier, (K, R, m), if any.
+    """
+    count, orders, rows, p = along_motion.shape
+    skip, skip_force = problem.motion_basis.conditions, problem.force_basis.conditions
+    phi = problem.phi[:orders].transpose(1, 0, 2)
+    places = problem.places
+    shape = count, rows, problem.size
+    result = np.zeros(shape) if along_multiplier is None else np.empty(shape)
+    flat = along_motion.reshape(count, orders, rows * p).transpose(0, 2, 1)
+    result[:, :, places[0]] = (flat @ phi[:, :, skip:]).reshape(count, rows, -1)
+    if along_multiplier is not None:
+        spread = result[:, :, places[1]].reshape(count, rows, problem.m, -1)  # a view
+        psi = problem.psi[:, None, None, skip_force:]
+        np.multiply(along_multiplier[..., None], psi, out=spread)
+    for index, place in ((0, places[2]), (1, places[3])):
+        if place.start == place.stop:
+            continue
+        motion, force = problem.ends.slopes(index, point.ends[index])
+        at_end = problem.rows_of_end(index, problem.motion_basis)
+        moved = np.tensordot(phi[:, :, at_end], motion, axes=1)
+        result[:, :, place] = (along_motion @ moved).sum(axis=1)
+        if along_multiplier is not None and len(force):
+            at_end = problem.rows_of_end(index, problem.force_basis)
+            moved = np.tensordot(problem.psi[:, at_end], force, axes=1)
+            result[:, :, place] += along_multiplier @ moved
+    return result
+
+
+def gathered(problem: SpectralProblem, point: Point, along: np.ndarray) -> np.ndarray:
+    """Returns the derivatives along the unknowns of what changes with the nodes' values.
+
+    Args:
+        problem: The minimisation.
+        point: The iterate.
+        along: Derivatives along y, its rates and the multiplier at each node, (K, 3 p + m).
+    """
+    p = problem.p
+    motion = sum(
+        phi.T @ along[:, order * p : (order + 1) * p] for order, phi in enumerate(problem.phi)
+    )
+    force, places = problem.psi.T @ along[:, 3 * p :], problem.places
+    result = np.empty(problem.size)
+    result[places[0]] = motion[problem.motion_basis.conditions :].T.ravel()
+    result[places[1]] = force[problem.force_basis.conditions :].T.ravel()
+    for index, place in ((0, places[2]), (1, places[3])):
+        if place.start != place.stop:
+            moved, pressed = problem.ends.slopes(index, point.ends[index])
+            rows = problem.rows_of_end(index, problem.motion_basis)
+            result[place] = np.tensordot(motion[rows], moved, axes=2)
+            if len(pressed):
+                rows = problem.rows_of_end(index, problem.force_basis)
+                result[place] += np.tensordot(force[rows], pressed, axes=2)
+    return result
+
+
+def metric(problem: SpectralProblem, point: Point) -> np.ndarray:
+    """Returns the root M of a norm on the motion's unknowns, upper triangle.
+
+    |M d| is the change of postures and of joint speeds that a step d makes, root mean square in rad
+    and rad per duration.
+    """
+    s, nodes, basis = point.torques.tangent.s, problem.nodes, problem.motion_basis
+    p, size = problem.p, problem.phi.shape[2]
+    values, speeds = problem.phi[0], problem.phi[1] * problem.transport.duration
+    both = values[:, :, None] * values[:, None] + speeds[:, :, None] * speeds[:, None]
+    freedoms = (transpose(s) @ s * nodes.weights[:, None, None]).reshape(-1, p * p)
+    # coefficients times coefficients, independent joints times independent joints
+    whole = (freedoms.T @ both.reshape(-1, size * size)).reshape(p, p, size, size)
+    whole = whole.transpose(0, 2, 1, 3)
+    motion, ends, skip = problem.places[0], problem.places[2:], basis.conditions
+    unknowns = np.zeros((p, size, problem.motion.stop - motion.stop))
+    for index, place in enumerate(ends):
+        if place.start != place.stop:
+            moved, _ = problem.ends.slopes(index, point.ends[index])
+            own = slice(place.start - motion.stop, place.stop - motion.stop)
+            unknowns[:, problem.rows_of_end(index, basis), own] = moved.transpose(1, 0, 2)
+    square = np.empty((problem.motion.stop, problem.motion.stop))
+    square[motion, motion] = whole[:, skip:, :, skip:].reshape(motion.stop, -1)
+    along = np.tensordot(whole, unknowns, axes=2)
+    square[motion, motion.stop :] = along[:, skip:].reshape(motion.stop, -1)
+    square[motion.stop :, motion] = square[motion, motion.stop :].T
+    square[motion.stop :, motion.stop :] = np.tensordot(unknowns, along, axes=((0, 1), (0, 1)))
+    square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
+    root: np.ndarray = np.linalg.cholesky(square).T
+    return root
