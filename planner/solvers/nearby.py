@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _SAMPLES = 4  # per degree, closer together towards the ends, as a fit of that degree needs them
 _DEGREE = 18
 _FAR = 0.1  # of the largest singular value: well away from a singularity
-_EVERY = 2  # of a motion's samples: distances from singularities change slowly along it
+_EVERY = 3  # of a motion's samples: distances from singularities change slowly along it
 _BETTER = 3.0  # times farther from a singularity, or the joints stay as they are
 
 

@@ -21,7 +21,7 @@ from planner.transport import Transport
 _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
 _OVERSAMPLING = 1.7
-ROUGHLY_CLOSED = 1e-8  # m, rad: while the motion changes; what is left, the next step takes along
+ROUGHLY_CLOSED = 1e-8  # m, rad: while the motion still changes
 
 
 @dataclass(eq=False)
@@ -161,10 +161,7 @@ class SpectralProblem:
         y, rate, acceleration = base + motion @ x[places[0]].reshape(self.p, -1).T
         multiplier = base_multiplier + force @ x[places[1]].reshape(self.m, -1).T
         chain, joints = self.transport.chain, self.transport.joints
-        if isinstance(near, Tangent):
-            guess = near.shifted(joints, y, chain.gap(near.at))
-        else:
-            guess = near.copy()
+        guess = near.shifted(joints, y) if isinstance(near, Tangent) else near.copy()
         guess[:, joints.independent] = y
         q, at, closed = chain.close(guess, joints.dependent, closure)
         if not closed.all():
