@@ -33,7 +33,7 @@ _UNDERRATED = 1.4  # times the gain foreseen: from there a longer step is worth 
 _ERRS = 0.4  # of the gain foreseen: Gauss-Newton misses curvature if it errs by more,
 _SLOW = 0.3  # gains fall by no more than this factor
 _PATIENCE = 3  # and both hold so many times in a row
-_STEADY = 0.05  # length of a step beyond which the Gauss-Newton matrix is formed anew,
+_STEADY = 0.02  # length of a step beyond which the Gauss-Newton matrix is formed anew,
 _AGREES = 0.2  # or if its gain was off by more
 _SADDLE = 30.0  # times the tolerance: Gauss-Newton may come so near a saddle before it leaves it
 

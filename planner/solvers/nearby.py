@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 _SAMPLES = 4  # per degree, closer together towards the ends, as a fit of that degree needs them
 _DEGREE = 18
 _FAR = 0.1  # of the largest singular value: well away from a singularity
-_EVERY = 3  # of a motion's samples: distances from singularities change slowly along it
 _BETTER = 3.0  # times farther from a singularity, or the joints stay as they are
 
 
@@ -92,12 +91,11 @@ def with_better_joints(transport: Transport, share: np.ndarray, at: Tangent) -> 
     largest = (gamma[:, :, transport.joints.dependent] ** 2).sum(axis=(1, 2)).max()
     if _FAR**2 * largest * (at.inverse**2).sum(axis=(1, 2)).max() < 1.0:
         return None
-    some = gamma[::_EVERY]
-    mine = np.linalg.svd(some[:, :, transport.joints.dependent], compute_uv=False)
+    mine = np.linalg.svd(gamma[:, :, transport.joints.dependent], compute_uv=False)
     if np.min(mine[:, -1]) > _FAR * np.max(mine[:, 0]):
         return None
-    other = choose_joints(transport.chain, q[::_EVERY])
-    its = np.linalg.svd(some[:, :, other.dependent], compute_uv=False)
+    other = choose_joints(transport.chain, q)
+    its = np.linalg.svd(gamma[:, :, other.dependent], compute_uv=False)
     if np.min(its[:, -1]) < _BETTER * np.min(mine[:, -1]):
         return None
     return replace(transport, joints=other, share=np.array(share), guess=np.array(q))
