@@ -188,6 +188,32 @@ def test_two_pandas_need_no_second_derivatives(monkeypatch: pytest.MonkeyPatch) 
     assert found.iterations <= 20
 
 
+def test_a_matrix_that_serves_twice_leads_to_the_same_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After short steps that gain what they shall, the Gauss-Newton matrix is not formed anew."""
+    formed: list[float] = []
+
+    def counted(problem: SpectralProblem, point: Point) -> np.ndarray:
+        formed.append(point.cost)
+        return gauss_newton(problem, point)
+
+    def found() -> tuple[int, int, float, np.ndarray]:
+        formed.clear()
+        result = minimised(problem_of(human()), tolerance=1e-13, tail=1e-5)
+        q = result.curves.y(np.linspace(0.0, 1.0, 50))
+        return len(formed), result.iterations, result.cost, q
+
+    monkeypatch.setattr(descent, "gauss_newton", counted)
+    matrices, steps, cost, motion = found()
+    monkeypatch.setattr(descent, "_STEADY", 0.0)
+    all_matrices, all_steps, same_cost, same_motion = found()
+    assert matrices < steps
+    assert all_matrices == all_steps
+    assert cost == pytest.approx(same_cost, rel=1e-11)
+    assert np.max(np.abs(motion - same_motion)) < 1e-6
+
+
 @pytest.mark.parametrize("name", [*HUMAN, "held start, speed cost"])
 def test_no_feasible_perturbation_lowers_the_cost(
     scenarios: dict[str, Scenario], name: str

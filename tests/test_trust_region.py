@@ -88,6 +88,20 @@ def test_inside_the_radius_a_convex_model_takes_newtons_step() -> None:
     assert step.length == pytest.approx(newton.length, rel=1e-9)
 
 
+@pytest.mark.parametrize("radius", [0.1, 1e3])
+def test_a_tilted_model_is_one_with_another_gradient(radius: float) -> None:
+    generator = np.random.default_rng(6)
+    root = generator.normal(size=(6, 6))
+    hessian = root.T @ root + 0.1 * np.eye(6)
+    first, other = generator.normal(size=(2, 6))
+    tilted = whole_model(first, hessian).tilted(other).step(radius)
+    fresh = whole_model(other, hessian).step(radius)
+    assert tilted is not None
+    assert fresh is not None
+    assert np.allclose(tilted.move, fresh.move, rtol=1e-12)
+    assert tilted.gain == pytest.approx(fresh.gain, rel=1e-12)
+
+
 def test_outside_the_radius_or_without_convexity_the_step_ends_at_it() -> None:
     for hessian in (np.diag([1.0, 0.1]), np.diag([1.0, -0.1])):
         step = whole_model(np.ones(2), hessian).step(0.5)

@@ -1,10 +1,10 @@
-"""Wrapped vectors: cross products by slices."""
+"""Batched vector algebra: cross products, least-norm solutions."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from planner.vectors import cross, wrap, wrapped_cross
+from planner.vectors import cross, least_norm, wrap, wrapped_cross
 
 
 def test_wrapped_cross_products_are_cross_products_and_wrapped_again() -> None:
@@ -27,3 +27,17 @@ def test_cross_is_numpys() -> None:
     generator = np.random.default_rng(2)
     a, b = generator.normal(size=(2, 7, 3))
     np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
+
+
+def test_least_norm_solutions_are_those_of_the_pseudo_inverse() -> None:
+    generator = np.random.default_rng(4)
+    matrix, right = generator.normal(size=(6, 3, 8)), generator.normal(size=(6, 3, 2))
+    found = least_norm(matrix, right)
+    np.testing.assert_allclose(matrix @ found, right, atol=1e-13)
+    np.testing.assert_allclose(found, np.linalg.pinv(matrix) @ right, atol=1e-13)
+
+
+def test_least_norm_of_rows_that_repeat_is_finite() -> None:
+    matrix = np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 0.0]])
+    found = least_norm(matrix, matrix @ np.ones((3, 1)))
+    np.testing.assert_allclose(found[:, 0], [0.6, 1.2, 0.0], atol=1e-12)
