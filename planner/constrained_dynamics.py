@@ -59,14 +59,18 @@ class Tangent:
         rest = self.gamma[some], self.inverse[some], self.s[some]
         return Tangent(self.q[some], self.at.part(some), self.loop.part(some), *rest)
 
-    def shifted(self, joints: Joints, y: np.ndarray) -> np.ndarray:
+    def shifted(self, joints: Joints, y: np.ndarray, gap: np.ndarray | None = None) -> np.ndarray:
         """Returns postures with other independent joints, (K, p), closed to second order, (K, N).
 
-        The second order is half the drift of a motion that goes there in unit time.
+        The second order is half the drift of a motion that goes there in unit time. A gap, (K, m),
+        that was left here is closed on the way.
         """
         step = matvec(self.s, y - self.q[:, joints.independent])
         q = self.q + step
-        q[:, joints.dependent] -= 0.5 * matvec(self.inverse, self.loop.bias(step))
+        apart = 0.5 * self.loop.bias(step)
+        if gap is not None:
+            apart = apart + gap
+        q[:, joints.dependent] -= matvec(self.inverse, apart)
         return q
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from planner.chain import CLOSURE_TOLERANCE
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import gauss_newton, gradient, torque_bend
+from planner.solvers.spectral_derivatives import gradient, normal_equations, torque_bend
 from planner.solvers.spectral_problem import ROUGHLY_CLOSED, Point, SpectralProblem
 from planner.solvers.spectral_unknowns import metric
 from planner.solvers.trust_region import QuadraticModel, Step
@@ -23,7 +23,8 @@ from planner.solvers.trust_region import QuadraticModel, Step
 _MAX_STEPS = 80
 _FIRST_RADIUS = 8.0  # root mean square change of postures and speeds, rad and rad per duration
 _LEAST_RADIUS = 1e-9
-_FINE = 1e-3  # of the cost: gains below it would be lost in what gap an iterate leaves
+_FINE = 1e-3  # of the cost: gains below it may be lost in what gap an iterate leaves
+_APART = 1e-4  # m, rad, of gap per share of the cost that a step shall gain
 _ROUND_OFF = 1e-12  # of the cost: what it is known to
 _LONG = 0.75  # from this length on, steps are bent before they are tried,
 _WORTH = 2e-2  # if they promise this share of the cost
@@ -91,7 +92,7 @@ def _try_steps(
             if size > _MOST_BENT:
                 radius = step.length * float(np.clip(0.6 * _MOST_BENT / size, 0.1, 0.7))
                 continue
-        closure = CLOSURE_TOLERANCE if relative < _FINE else ROUGHLY_CLOSED
+        closure = float(np.clip(_APART * relative, CLOSURE_TOLERANCE, ROUGHLY_CLOSED))
         new = problem.moved(point, step.move + bend, closure)
         ratio = -1.0 if new is None else (point.cost - new.cost) / max(step.gain, 1e-300)
         if new is not None and (ratio > 1e-3 or relative < _ROUND_OFF):
@@ -146,13 +147,12 @@ def descend(
     parts = metric(problem, point), problem.motion, problem.force
     steady: QuadraticModel | None = None
     for step in range(_MAX_STEPS):
-        slope = gradient(problem, point)
         best, newton = None, False
         if steady is not None:
-            model = steady.tilted(slope)
+            model = steady.tilted(gradient(problem, point))
             best = _try_steps(problem, point, model, radius, bent=False)
         while best is None:
-            matrix = gauss_newton(problem, point)
+            slope, matrix = normal_equations(problem, point)
             if exact:
                 hessian = matrix + torque_curvature(problem, point)
                 model = QuadraticModel(slope, hessian, *parts)

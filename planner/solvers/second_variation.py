@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from planner.solvers.spectral_curvature import torque_curvature
-from planner.solvers.spectral_derivatives import gauss_newton, gradient
+from planner.solvers.spectral_derivatives import normal_equations
 from planner.solvers.spectral_problem import Point, SpectralProblem
 from planner.solvers.spectral_unknowns import metric
 from planner.solvers.trust_region import reduce_model
@@ -30,10 +30,11 @@ def least_second_variation(problem: SpectralProblem, point: Point) -> tuple[floa
     Raises:
         scipy.linalg.LinAlgError: The cost has no minimum in the multiplier.
     """
-    hessian = gauss_newton(problem, point) + torque_curvature(problem, point)
+    slope, matrix = normal_equations(problem, point)
+    hessian = matrix + torque_curvature(problem, point)
     if not np.all(np.isfinite(hessian)):
         raise scipy.linalg.LinAlgError("the second derivatives are not finite")
-    slope, root = gradient(problem, point), metric(problem, point)
+    root = metric(problem, point)
     model = reduce_model(slope, hessian, root, problem.motion, problem.force)
     change = np.empty(problem.size)
     change[problem.motion] = model.vectors[:, 0]

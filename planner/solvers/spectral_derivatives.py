@@ -57,30 +57,35 @@ def gradient(problem: SpectralProblem, point: Point) -> np.ndarray:
     return gathered(problem, point, along)
 
 
-def gauss_newton(problem: SpectralProblem, point: Point) -> np.ndarray:
-    """Returns the Gauss-Newton matrix, (size, size)."""
+def normal_equations(problem: SpectralProblem, point: Point) -> tuple[np.ndarray, np.ndarray]:
+    """Returns gradient, (size,), and Gauss-Newton matrix, (size, size)."""
     criterion, torques, design = problem.criterion, point.torques, torque_design(problem, point)
     count, size = len(problem.nodes.u), problem.size
     of_torque, of_rate = problem.roots
     parts = []
     if np.any(criterion.torque_weights):
-        parts.append(design * of_torque[..., None])
+        parts.append((torques.tau * of_torque, design * of_torque[..., None]))
     if criterion.torque_is_state:
         slopes = (problem.derivative @ design.reshape(count, -1)).reshape(design.shape)
         slopes *= of_rate[..., None]
-        parts.append(slopes)
+        parts.append((point.slope * of_rate, slopes))
     cost = criterion.state_cost
     if cost is not None:
         s, weight = torques.tangent.s, problem.nodes.weights[:, None] * problem.transport.duration
-        speeds = along_unknowns(problem, point, np.stack([torques.derivatives.drag, s], axis=1))
-        postures = along_unknowns(problem, point, s[:, None])
-        parts.append(speeds * np.sqrt(cost.speed * weight)[..., None])
-        parts.append(postures * np.sqrt(cost.posture * weight)[..., None])
-    squares = [rows.T @ rows for rows in (part.reshape(-1, size) for part in parts)]
-    matrix = squares[0]
-    for square in squares[1:]:
-        matrix += square
-    return matrix
+        of_speed, of_posture = np.sqrt(cost.speed * weight), np.sqrt(cost.posture * weight)
+        drag = np.stack([torques.derivatives.drag, s], axis=1)
+        speeds = along_unknowns(problem, point, drag) * of_speed[..., None]
+        postures = along_unknowns(problem, point, s[:, None]) * of_posture[..., None]
+        parts.append((torques.v * of_speed, speeds))
+        parts.append(((torques.tangent.q - cost.reference) * of_posture, postures))
+    rows = [derivative.reshape(-1, size) for _, derivative in parts]
+    slope: np.ndarray = sum(
+        value.ravel() @ row for (value, _), row in zip(parts, rows, strict=True)
+    )
+    matrix = rows[0].T @ rows[0]
+    for more in rows[1:]:
+        matrix += more.T @ more
+    return slope, matrix
 
 
 def along_torque(problem: SpectralProblem, tau: np.ndarray) -> np.ndarray:

@@ -161,7 +161,11 @@ class SpectralProblem:
         y, rate, acceleration = base + motion @ x[places[0]].reshape(self.p, -1).T
         multiplier = base_multiplier + force @ x[places[1]].reshape(self.m, -1).T
         chain, joints = self.transport.chain, self.transport.joints
-        guess = near.shifted(joints, y) if isinstance(near, Tangent) else near.copy()
+        if isinstance(near, Tangent):
+            fine = closure < ROUGHLY_CLOSED  # then what was left there counts
+            guess = near.shifted(joints, y, chain.gap(near.at) if fine else None)
+        else:
+            guess = near.copy()
         guess[:, joints.independent] = y
         q, at, closed = chain.close(guess, joints.dependent, closure)
         if not closed.all():

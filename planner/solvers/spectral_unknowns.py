@@ -93,19 +93,21 @@ def metric(problem: SpectralProblem, point: Point) -> np.ndarray:
     # coefficients times coefficients, independent joints times independent joints
     whole = (freedoms.T @ both.reshape(-1, size * size)).reshape(p, p, size, size)
     whole = whole.transpose(0, 2, 1, 3)
-    motion, ends, skip = problem.places[0], problem.places[2:], basis.conditions
-    unknowns = np.zeros((p, size, problem.motion.stop - motion.stop))
-    for index, place in enumerate(ends):
-        if place.start != place.stop:
-            moved, _ = problem.ends.slopes(index, point.ends[index])
-            own = slice(place.start - motion.stop, place.stop - motion.stop)
-            unknowns[:, problem.rows_of_end(index, basis), own] = moved.transpose(1, 0, 2)
-    square = np.empty((problem.motion.stop, problem.motion.stop))
+    motion, skip = problem.places[0], basis.conditions
+    free = slice(motion.stop, problem.motion.stop)
+    square = np.empty((free.stop, free.stop))
     square[motion, motion] = whole[:, skip:, :, skip:].reshape(motion.stop, -1)
-    along = np.tensordot(whole, unknowns, axes=2)
-    square[motion, motion.stop :] = along[:, skip:].reshape(motion.stop, -1)
-    square[motion.stop :, motion] = square[motion, motion.stop :].T
-    square[motion.stop :, motion.stop :] = np.tensordot(unknowns, along, axes=((0, 1), (0, 1)))
+    if free.stop > free.start:
+        ends = np.zeros((p, size, free.stop))
+        for index, place in ((0, problem.places[2]), (1, problem.places[3])):
+            if place.start != place.stop:
+                moved, _ = problem.ends.slopes(index, point.ends[index])
+                ends[:, problem.rows_of_end(index, basis), place] = moved.transpose(1, 0, 2)
+        ends = ends[:, :, free]
+        along = np.tensordot(whole, ends, axes=2)
+        square[motion, free] = along[:, skip:].reshape(motion.stop, -1)
+        square[free, motion] = square[motion, free].T
+        square[free, free] = np.tensordot(ends, along, axes=((0, 1), (0, 1)))
     square.flat[:: len(square) + 1] += 1e-10 * square.diagonal().max()
     root: np.ndarray = np.linalg.cholesky(square).T
     return root

@@ -27,7 +27,7 @@ PHASES: dict[str, tuple[str, ...]] = {
     "solve: spectral, the rest": ("planner.solvers.search:minimise",),
     "solve: spectral evaluations": ("planner.solvers.spectral_problem:SpectralProblem.evaluate",),
     "solve: spectral derivatives": (
-        "planner.solvers.descent:gauss_newton",
+        "planner.solvers.descent:normal_equations",
         "planner.solvers.descent:gradient",
         "planner.solvers.descent:torque_bend",
         "planner.solvers.descent:torque_curvature",
