@@ -4,6 +4,7 @@ Far from the optimum the valley bends: a Gauss-Newton step leaves it where the t
 derivative along the step counts. One more evaluation tells that derivative, and a correction of
 second order, solved for with the same matrix, follows the bend (geodesic acceleration, Transtrum
 and Sethna 2012). Where Gauss-Newton errs for good, steps of the exact Hessian stand beside it.
+Close to the optimum one matrix serves several steps, as in the simplified Newton method.
 """
 
 from __future__ import annotations
