@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from planner.checks import verify
 from planner.constrained_dynamics import Motion
 from planner.criteria import joint_weights
 from planner.criteria.jerk import jerk_motion
+from planner.errors import InputError
 from planner.forces import hand_forces
 from planner.outcome import Failure, failure
 from planner.result import Plan
@@ -54,6 +56,12 @@ def plan(
     Raises:
         InputError: The scenario or one of its files cannot be used.
     """
+    if isinstance(scenario, str | Path):  # type checkers know better, people at a prompt do not
+        raise InputError(
+            "a plan needs the scenario itself, not its file's name",
+            value=str(scenario),
+            remedy="planner.load reads it: planner.plan(planner.load(...))",
+        )
     began = time.perf_counter()
     chain = chain or build_chain(scenario)
     transport = make_transport(scenario, chain, near=None if start is None else start.q)

@@ -13,6 +13,7 @@ from mechanisms import human_arms as human
 from plans import CASES, FREE, TORQUE, ZERO_ENDS, at_share, planned, solved
 
 from planner.assembly import build_chain
+from planner.errors import InputError
 from planner.planning import plan
 from planner.result import Plan
 from planner.scenario import Scenario
@@ -549,3 +550,9 @@ def test_two_pandas(tmp_path: Path) -> None:
     assert found.checks["replay_max"] < 1e-3
     assert found.checks["pontryagin_residual"] < 1e-4
     assert found.checks["agreement"] < 1e-5
+
+
+@pytest.mark.parametrize("name", ["transport.toml", Path("transport.toml")])
+def test_a_file_is_no_scenario(name: Any) -> None:
+    with pytest.raises(InputError, match=r"transport\.toml.*planner\.load"):
+        plan(name)
