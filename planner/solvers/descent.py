@@ -152,8 +152,9 @@ def descend(
         if steady is not None:
             model = steady.tilted(gradient(problem, point))
             best = _try_steps(problem, point, model, radius, bent=False)
-        while best is None:
+        if best is None:
             slope, matrix = normal_equations(problem, point)
+        while best is None:
             if exact:
                 hessian = matrix + torque_curvature(problem, point)
                 model = QuadraticModel(slope, hessian, *parts)

@@ -9,7 +9,7 @@ from planner.criteria.curvature import STEP, join_tangents
 from planner.solvers.inverse_torques import inverse_torques
 from planner.solvers.spectral_derivatives import along_torque, gradient_at_nodes
 from planner.solvers.spectral_problem import Point, SpectralProblem
-from planner.solvers.spectral_unknowns import along_unknowns
+from planner.solvers.spectral_unknowns import along_coefficients, along_unknowns
 from planner.vectors import transpose
 
 _SECOND_STEP = 3e-4  # rad, second differences along the free postures of an end
@@ -44,7 +44,7 @@ def torque_curvature(problem: SpectralProblem, point: Point) -> np.ndarray:
         repeat(point.acceleration),
         repeat(point.torques.multiplier),
     )
-    weight = problem.nodes.weights[:, None] * problem.transport.duration
+    weight = problem.weight
     pull = along_torque(problem, point.torques.tau)
     criterion = problem.criterion
     gradients = gradient_at_nodes(criterion, torques, repeat(pull), repeat(weight))
@@ -98,24 +98,20 @@ def _end_curvature(
     problem: SpectralProblem, index: int, point: Point, gradient: np.ndarray
 ) -> np.ndarray:
     """Returns the curvature of the set of allowed end postures, (free, free)."""
-    p, values = problem.p, point.ends[index]
+    values = point.ends[index]
     null = problem.ends.null(index, values)
     free = null.shape[1]
-    rows = problem.rows_of_end(index, problem.motion_basis)
-    along = sum(
-        phi[:, rows].T @ gradient[:, order * p : (order + 1) * p]
-        for order, phi in enumerate(problem.phi)
-    )
-    force_rows = problem.rows_of_end(index, problem.force_basis)
-    along_force = problem.psi[:, force_rows].T @ gradient[:, 3 * p :]
+    motion, force = along_coefficients(problem, gradient)
+    along = motion[problem.rows_of_end(index, problem.motion_basis)]
+    along_force = force[problem.rows_of_end(index, problem.force_basis)]
     pairs = [
         (i, j, a, b) for i in range(free) for j in range(i + 1) for a in (1, -1) for b in (1, -1)
     ]
     step = _SECOND_STEP
     moves = np.array([step * (a * null[:, i] + b * null[:, j]) for i, j, a, b in pairs])
     at = problem.ends.retract(index, values.at, values.motion[0] + moves)
-    motion, force = problem.ends.taken(index, at)
-    height = (along * motion).sum(axis=(1, 2)) + (along_force * force).sum(axis=(1, 2))
+    moved, pressed = problem.ends.taken(index, at)
+    height = (along * moved).sum(axis=(1, 2)) + (along_force * pressed).sum(axis=(1, 2))
     result = np.zeros((free, free))
     for (i, j, a, b), value in zip(pairs, height, strict=True):
         result[i, j] += a * b * value / (4.0 * step**2)

@@ -52,8 +52,7 @@ def gradient_at_nodes(
 def gradient(problem: SpectralProblem, point: Point) -> np.ndarray:
     """Returns the cost's derivatives along the unknowns, (size,)."""
     pull = along_torque(problem, point.torques.tau)
-    weight = problem.nodes.weights[:, None] * problem.transport.duration
-    along = gradient_at_nodes(problem.criterion, point.torques, pull, weight)
+    along = gradient_at_nodes(problem.criterion, point.torques, pull, problem.weight)
     return gathered(problem, point, along)
 
 
@@ -71,7 +70,7 @@ def normal_equations(problem: SpectralProblem, point: Point) -> tuple[np.ndarray
         parts.append((point.slope * of_rate, slopes))
     cost = criterion.state_cost
     if cost is not None:
-        s, weight = torques.tangent.s, problem.nodes.weights[:, None] * problem.transport.duration
+        s, weight = torques.tangent.s, problem.weight
         of_speed, of_posture = np.sqrt(cost.speed * weight), np.sqrt(cost.posture * weight)
         drag = np.stack([torques.derivatives.drag, s], axis=1)
         speeds = along_unknowns(problem, point, drag) * of_speed[..., None]

@@ -21,7 +21,7 @@ from planner.transport import Transport
 _SMOOTH_MOTION = 3  # torque rates follow the third derivative of the motion
 _SMOOTH_FORCE = 1
 _OVERSAMPLING = 1.7
-ROUGHLY_CLOSED = 1e-8  # m, rad: while the motion still changes
+ROUGHLY_CLOSED = 1e-8  # m, rad: while the motion changes; what is left, the next step takes along
 
 
 @dataclass(eq=False)
@@ -162,8 +162,7 @@ class SpectralProblem:
         multiplier = base_multiplier + force @ x[places[1]].reshape(self.m, -1).T
         chain, joints = self.transport.chain, self.transport.joints
         if isinstance(near, Tangent):
-            fine = closure < ROUGHLY_CLOSED  # then what was left there counts
-            guess = near.shifted(joints, y, chain.gap(near.at) if fine else None)
+            guess = near.shifted(joints, y, chain.gap(near.at))
         else:
             guess = near.copy()
         guess[:, joints.independent] = y
@@ -205,12 +204,16 @@ class SpectralProblem:
         return slice(0, basis.ends[0]) if index == 0 else slice(basis.ends[0], basis.conditions)
 
     @cached_property
+    def weight(self) -> np.ndarray:
+        """Weights of the nodes in an integral over time, (K, 1) [s]."""
+        return self.nodes.weights[:, None] * self.transport.duration
+
+    @cached_property
     def roots(self) -> tuple[np.ndarray, np.ndarray]:
         """Roots of the weights of squared torques and of squared slopes at the nodes, (K, N)."""
-        weight = self.nodes.weights[:, None] * self.transport.duration
         criterion = self.criterion
         of_rates = criterion.rate_weights if criterion.torque_is_state else np.zeros(self.n)
-        return np.sqrt(weight * criterion.torque_weights), np.sqrt(weight * of_rates)
+        return np.sqrt(self.weight * criterion.torque_weights), np.sqrt(self.weight * of_rates)
 
     def curves(self, point: Point) -> Curves:
         """Returns the iterate's polynomials."""

@@ -52,19 +52,34 @@ def along_unknowns(
     return result
 
 
+def along_coefficients(
+    problem: SpectralProblem, along: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the derivatives along all coefficients of what changes with the nodes' values.
+
+    Shapes (coefficients, p) for the motion's, those that the ends carry included, and
+    (coefficients, m) for the multiplier's.
+
+    Args:
+        problem: The minimisation.
+        along: Derivatives along y, its rates and the multiplier at each node, (K, 3 p + m).
+    """
+    p = problem.p
+    motion: np.ndarray = sum(
+        phi.T @ along[:, order * p : (order + 1) * p] for order, phi in enumerate(problem.phi)
+    )
+    return motion, problem.psi.T @ along[:, 3 * p :]
+
+
 def gathered(problem: SpectralProblem, point: Point, along: np.ndarray) -> np.ndarray:
     """Returns the derivatives along the unknowns of what changes with the nodes' values.
 
     Args:
         problem: The minimisation.
         point: The iterate.
-        along: Derivatives along y, its rates and the multiplier at each node, (K, 3 p + m).
+        along: As `along_coefficients` takes them.
     """
-    p = problem.p
-    motion = sum(
-        phi.T @ along[:, order * p : (order + 1) * p] for order, phi in enumerate(problem.phi)
-    )
-    force, places = problem.psi.T @ along[:, 3 * p :], problem.places
+    (motion, force), places = along_coefficients(problem, along), problem.places
     result = np.empty(problem.size)
     result[places[0]] = motion[problem.motion_basis.conditions :].T.ravel()
     result[places[1]] = force[problem.force_basis.conditions :].T.ravel()
